@@ -1,0 +1,24 @@
+"""What every test folder shares: the recordings' folder and a property-test profile for a shared machine."""
+
+import os
+from pathlib import Path
+
+# as the program does, before anything loads torch
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+
+import pytest
+from hypothesis import settings
+
+# the machine is shared and its clock says nothing of the code
+settings.register_profile("shared-machine", deadline=None, max_examples=60, derandomize=True)
+settings.load_profile("shared-machine")
+
+
+@pytest.fixture
+def data() -> Path:
+    """The folder of real recordings; tests marked ``data`` are skipped, with a reason, where it is absent."""
+    default = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+    folder = Path(os.environ.get("MULAN_DATA", default))
+    if not folder.is_dir():
+        pytest.skip(f"no recordings at {folder}; set MULAN_DATA to the folder that holds them")
+    return folder
