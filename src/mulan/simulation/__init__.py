@@ -1,0 +1,1 @@
+"""A world that makes missions: photographs, radio, odometry and motion, all deterministic given a seed."""

@@ -1,0 +1,156 @@
+"""The rendered world: built by code or loaded from a user's file, photographed through a pinhole camera."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy.typing import NDArray
+
+from mulan.errors import InputError
+from mulan.geometry.camera import PinholeCamera
+from mulan.simulation.image_sources import RoomConfig
+from mulan.simulation.mitsuba_parts import Node, panel, place, plain, use_scalar_variant
+from mulan.simulation.scene_room import room
+from mulan.simulation.scene_rover import rover
+
+# Mitsuba sensors look along +z with x to the left; ours look along -z with x to the right
+_T_CAMERA_MITSUBA = np.diag([-1.0, 1.0, -1.0, 1.0])
+
+
+@dataclass(frozen=True)
+class SceneConfig:
+    """The built-in room with a rover in its middle."""
+
+    room: RoomConfig = field(default_factory=RoomConfig)
+    """Walls of the room, the same for light and radio; the rover stands in the middle of the floor."""
+    skylight_radiance: float = 6.5
+    """Soft white light from a panel over half the ceiling's width and depth."""
+    lamp_radiance: float = 21.0
+    """Warm light from one square metre of the ceiling; gives shadows their direction."""
+    max_depth: int = 3
+    """Longest light path, in bounces from the camera."""
+    seed: int = 7
+    """Pattern of boards, bricks and books."""
+
+
+def build_scene(config: SceneConfig) -> mi.Scene:
+    """The furnished room (world: z up, metres, rover at the origin looking along +x)."""
+    use_scalar_variant()
+    rng = np.random.default_rng(config.seed)
+    low, high = config.room.min_corner_m, config.room.max_corner_m
+    size = np.array(high) - np.array(low)
+    T_room = place(((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]))
+    parts = room(float(size[0]), float(size[1]), float(size[2]), rng) | rover(rng)
+    parts |= _lights(config, float(size[0]), float(size[1]), float(size[2]))
+    for part in parts.values():
+        part["to_world"] = mi.ScalarTransform4f(T_room.tolist()) @ part.get(
+            "to_world", mi.ScalarTransform4f()
+        )
+    scene = mi.load_dict({"type": "scene", "integrator": _integrator(config.max_depth)} | parts)
+    assert isinstance(scene, mi.Scene)
+    return scene
+
+
+def _integrator(max_depth: int) -> Node:
+    return {"type": "path", "max_depth": max_depth}
+
+
+def _lights(config: SceneConfig, width_m: float, depth_m: float, height_m: float) -> dict[str, Node]:
+    ceiling = panel(place((0.0, 0.0, height_m), pitch_deg=180.0), (width_m, depth_m), plain((0.8, 0.8, 0.8)))
+    # smaller than the ceiling: fewer wasted samples, less noise
+    skylight = panel(
+        place((-0.4, 0.0, height_m - 0.01), pitch_deg=180.0),
+        (width_m / 2, depth_m / 2),
+        plain((0.0, 0.0, 0.0)),
+    )
+    skylight["emitter"] = _glow(config.skylight_radiance, (1.0, 1.0, 1.0))
+    lamp = panel(place((1.2, 0.9, height_m - 0.02), pitch_deg=180.0), (1.0, 1.0), plain((0.0, 0.0, 0.0)))
+    lamp["emitter"] = _glow(config.lamp_radiance, (1.0, 0.93, 0.82))
+    return {"ceiling": ceiling, "skylight": skylight, "lamp": lamp}
+
+
+def _glow(radiance: float, tone: tuple[float, float, float]) -> Node:
+    return {"type": "area", "radiance": {"type": "rgb", "value": [radiance * part for part in tone]}}
+
+
+def load_scene_file(path: Path) -> mi.Scene:
+    """A user's own Mitsuba XML scene (z up, metres).
+
+    Raises:
+        InputError: The file is missing or Mitsuba cannot make a scene of it.
+    """
+    use_scalar_variant()
+    if not path.is_file():
+        raise InputError(path, "scene", "no such file", "name a Mitsuba 3 XML scene")
+    try:
+        scene = mi.load_file(str(path))
+    except RuntimeError as error:
+        reason = " ".join(str(error).split())
+        raise InputError(path, "scene", reason, "correct it until 'mitsuba' itself can render it") from error
+    if not isinstance(scene, mi.Scene):
+        raise InputError(path, "scene", "its root is not a <scene>", "wrap it in <scene version='3.0.0'>")
+    return scene
+
+
+def render_view(
+    scene: mi.Scene,
+    camera: PinholeCamera,
+    T_world_camera: Float[NDArray, "4 4"],
+    samples_per_pixel: int,
+    seed: int,
+) -> UInt8[NDArray, "h w 3"]:
+    """One photograph as 8-bit sRGB.
+
+    Args:
+        scene: What to photograph.
+        camera: Square pixels, no distortion.
+        T_world_camera: Camera pose (OpenGL axes).
+        samples_per_pixel: Light paths a pixel, rounded up to fill a grid; noise falls with the square root.
+        seed: Of the sampler.
+
+    Raises:
+        InputError: The lens is distorted or its pixels are not square.
+    """
+    use_scalar_variant()
+    if any(camera.distortion) or abs(camera.fx - camera.fy) > 1e-6 * camera.fx:
+        raise InputError(
+            "camera", "intrinsics", "have distortion or fx != fy", "render with an ideal pinhole camera"
+        )
+    samples = _whole_grid(samples_per_pixel)
+    sensor = mi.load_dict(
+        {
+            "type": "perspective",
+            "fov_axis": "x",
+            "fov": float(np.rad2deg(2 * np.arctan2(camera.width / 2, camera.fx))),
+            "principal_point_offset_x": 0.5 - camera.cx / camera.width,
+            "principal_point_offset_y": 0.5 - camera.cy / camera.height,
+            "near_clip": 0.01,
+            "far_clip": 1e4,
+            "to_world": mi.ScalarTransform4f((T_world_camera @ _T_CAMERA_MITSUBA).tolist()),
+            "film": {
+                "type": "hdrfilm",
+                "width": camera.width,
+                "height": camera.height,
+                "pixel_format": "rgb",
+                "rfilter": {"type": "gaussian"},
+            },
+            "sampler": {"type": "multijitter", "sample_count": samples},
+        }
+    )
+    linear = np.array(mi.render(scene, sensor=sensor, spp=samples, seed=mi.UInt32(seed % 2**32)))
+    return _srgb_bytes(linear)
+
+
+def _whole_grid(samples: int) -> int:
+    """Least product of two nearly equal integers that is not below a number; what multijitter can place."""
+    rows = int(np.sqrt(samples))
+    return rows * int(np.ceil(samples / rows))
+
+
+def _srgb_bytes(linear: Float[NDArray, "h w 3"]) -> UInt8[NDArray, "h w 3"]:
+    """IEC 61966-2-1 transfer curve."""
+    value = np.clip(linear, 0.0, 1.0)
+    curve = np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** (1 / 2.4) - 0.055)
+    return np.round(255 * curve).astype(np.uint8)
