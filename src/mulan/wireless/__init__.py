@@ -1,0 +1,1 @@
+"""CSI and UWB in; bearings and ranges with honest uncertainty out."""
