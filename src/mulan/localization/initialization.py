@@ -1,0 +1,187 @@
+"""Every robot's start frame in the world, before the graph: robust alignment along a tree from the anchor."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import NDArray
+
+from mulan.errors import InputError
+from mulan.geometry import se3, so3
+from mulan.localization.alignment_search import Alignment, search_alignment
+from mulan.localization.relative_measurements import RelativeMeasurements, gather
+from mulan.mission.types import RobotLog
+from mulan.wireless.types import Bearing, Range
+
+_FREEDOMS: dict[int, tuple[str, ...]] = {4: ("heading", "position along x", "position along y", "height")}
+_FREEDOMS[6] = ("roll", "pitch", *_FREEDOMS[4])
+
+
+@dataclass(frozen=True)
+class InitializationConfig:
+    """How start frames are found before the graph refines them."""
+
+    headings: int = 24
+    """Headings tried."""
+    smallest_sigma_deg: float = 1.5
+    """Floor of a bearing's sigma, for the odometry drift ignored here."""
+    smallest_sigma_m: float = 0.1
+    """Floor of a range's sigma, for the odometry drift ignored here."""
+    most_ranges: int = 100
+    """Ranges used to place one robot, evenly picked."""
+    known_within_rad: float = 0.5
+    """A rotation less certain than this (one sigma) counts as missing."""
+    known_within_m: float = 2.0
+    """A position less certain than this (one sigma) counts as missing."""
+
+
+def _start_positions(m: RelativeMeasurements, R: Float[NDArray, "s 3 3"]) -> Float[NDArray, "s 3"]:
+    """Given the rotation every bearing is a line the start position lies near: least squares with a pull."""
+    origin = np.concatenate(
+        [
+            m.seen.origin_m - np.einsum("sij,mj->smi", R, m.seen.target_m),
+            m.sees.target_m - np.einsum("sij,mj->smi", R, m.sees.origin_m),
+        ],
+        axis=1,
+    )
+    direction = np.concatenate(
+        [np.broadcast_to(m.seen.direction, (len(R), *m.seen.direction.shape)),
+         -np.einsum("sij,mj->smi", R, m.sees.direction)],
+        axis=1,
+    )  # fmt: skip
+    reach = float(np.median(m.range_m)) if len(m.range_m) else 3.0
+    P = np.eye(3) - direction[..., :, None] * direction[..., None, :]
+    # nearly parallel lines leave the distance open: a weak pull to the measured range along them settles it
+    A = P.sum(1) + 0.05 * direction.shape[1] * np.eye(3)
+    b = (P @ origin[..., None]).sum(1)[..., 0] + 0.05 * (origin + reach * direction).sum(1)
+    return np.linalg.solve(A, b[..., None])[..., 0]
+
+
+def _starts(
+    m: RelativeMeasurements, config: InitializationConfig, freedoms: int
+) -> tuple[Float[NDArray, "s 3 3"], Float[NDArray, "s 3"]]:
+    R = so3.about_z(np.linspace(-np.pi, np.pi, config.headings, endpoint=False))
+    if freedoms == 6:
+        tilts = so3.exp(np.array([[a, b, 0.0] for a in (-1.0, 0.0, 1.0, 3.1) for b in (-1.0, 0.0, 1.0)]))
+        R = (tilts[:, None] @ R[None]).reshape(-1, 3, 3)
+    if len(m.seen.origin_m) + len(m.sees.origin_m):
+        return R, _start_positions(m, R)
+    around = np.array(
+        [[a, b, c] for a in (-1, 0, 1) for b in (-1, 0, 1) for c in (-1, 0, 1) if a or b or c], float
+    )
+    around /= np.linalg.norm(around, axis=1, keepdims=True)
+    centre = m.antenna_world_m.mean(0) + np.median(m.range_m) * around
+    t = centre[None] - np.einsum("sij,j->si", R, m.antenna_odom_m.mean(0))[:, None]
+    return np.repeat(R, len(around), axis=0), t.reshape(-1, 3)
+
+
+def _refuse_unknown(name: str, found: Alignment, config: InitializationConfig, freedoms: int) -> None:
+    """Raise InputError if a freedom is unobserved or a second, different solution fits as well."""
+    unit = np.array([config.known_within_rad] * (freedoms - 3) + [config.known_within_m] * 3)
+    value, vector = np.linalg.eigh(unit[:, None] * found.information * unit[None, :])
+    remedy = (
+        "move the antennas more (3-D loops show heights) or record bearings and ranges in both directions"
+    )
+    if value[0] < 1.0:
+        missing = _FREEDOMS[freedoms][int(np.abs(vector[:, 0]).argmax())]
+        if missing == "height":
+            remedy = (
+                "set common_floor_sigma_m if all robots drive on one floor, or wave the antennas in 3-D loops"
+            )
+        raise InputError(f"robot '{name}'", missing, "is not determined by its bearings and ranges", remedy)
+    turn = so3.log(found.R @ np.swapaxes(found.R[:1], 1, 2))
+    turned, shift = np.linalg.norm(turn, axis=1), found.t_m - found.t_m[0]
+    apart = np.concatenate([turn[:, 6 - freedoms :], shift], axis=1)
+    # within one basin so many sigmas apart would cost as much more; alike at that distance is another basin
+    sigmas2 = np.einsum("sd,de,se->s", apart, found.information, apart)
+    far = (turned > config.known_within_rad) | (np.linalg.norm(shift, axis=1) > config.known_within_m / 2)
+    rival = np.flatnonzero(far & (sigmas2 > 36.0) & (found.cost < found.cost[0] + 4.0))
+    if len(rival):
+        i = int(rival[0])
+        freedom = "heading" if turned[i] > config.known_within_rad else "position"
+        raise InputError(
+            f"robot '{name}'",
+            freedom,
+            f"has two solutions that fit alike ({np.degrees(turned[i]):.0f} degrees and "
+            f"{np.linalg.norm(shift[i]):.1f} m apart)",
+            remedy,
+        )
+
+
+def initial_alignment(
+    robots: Sequence[RobotLog],
+    bearings: Sequence[Bearing],
+    ranges: Sequence[Range],
+    config: InitializationConfig,
+    gravity_aligned: bool = True,
+    common_floor_sigma_m: float | None = None,
+) -> Mapping[str, Float[NDArray, "4 4"]]:
+    """``T_world_odom`` of every robot; the first one's is the identity.
+
+    Robots join one after another, the best connected first, each aligned to all that were placed before: yaw
+    and translation (or all six freedoms) from many starts, solved together and ranked by robust cost.
+
+    Raises:
+        InputError: A robot has too little information; says which robot and which freedom.
+    """
+    freedoms = 4 if gravity_aligned else 6
+    anchor = robots[0]
+    placed: dict[str, tuple[RobotLog, Float[NDArray, "4 4"]]] = {anchor.name: (anchor, np.eye(4))}
+    waiting = list(robots[1:])
+    while waiting:
+        refused: InputError | None = None
+        ready = []
+        for robot in waiting:
+            m = gather(
+                robot,
+                placed,
+                bearings,
+                ranges,
+                np.deg2rad(config.smallest_sigma_deg),
+                config.smallest_sigma_m,
+                config.most_ranges,
+            )
+            ready.append(
+                (-m.count - 10 * (len(m.seen.origin_m) + len(m.sees.origin_m)), robot.name, robot, m)
+            )
+        for _, _, robot, m in sorted(ready, key=lambda entry: entry[:2]):
+            try:
+                T = _place(robot, anchor, m, config, freedoms, common_floor_sigma_m)
+            except InputError as error:
+                refused = refused or error
+                continue
+            placed[robot.name] = (robot, T)
+            waiting.remove(robot)
+            break
+        else:
+            assert refused is not None
+            raise refused
+    return {name: T for name, (_, T) in placed.items()}
+
+
+def _place(
+    robot: RobotLog,
+    anchor: RobotLog,
+    m: RelativeMeasurements,
+    config: InitializationConfig,
+    freedoms: int,
+    common_floor_sigma_m: float | None,
+) -> Float[NDArray, "4 4"]:
+    if m.count == 0:
+        raise InputError(
+            f"robot '{robot.name}'",
+            "bearings and ranges",
+            "there are none to the anchor or any robot tied to it",
+            "record CSI or UWB between them, with one standing still while the other moves its antenna",
+        )
+    if common_floor_sigma_m is not None:
+        m = replace(
+            m,
+            floor_odom_m=float(robot.odometry.T_odom_body[0, 2, 3]),
+            floor_world_m=float(anchor.odometry.T_odom_body[0, 2, 3]),
+            floor_sigma_m=max(common_floor_sigma_m, 1e-3),
+        )
+    found = search_alignment(m, *_starts(m, config, freedoms), freedoms)
+    _refuse_unknown(robot.name, found, config, freedoms)
+    return se3.from_parts(found.R[0], found.t_m[0])
