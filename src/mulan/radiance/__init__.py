@@ -1,0 +1,1 @@
+"""The radiance field itself: encoding, networks, occupancy, volume rendering. Knows nothing of robots."""

@@ -1,0 +1,58 @@
+"""Sizes of the field; every backend reads the same ones."""
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class FieldConfig:
+    """Multiresolution hash grid and two small networks (Müller et al. 2022)."""
+
+    levels: int = 8
+    """Resolutions of the hash grid."""
+    log2_table_size: int = 15
+    """Entries a level, as a power of two."""
+    features: int = 2
+    """Features an entry."""
+    base_resolution: int = 16
+    """Cells a side of the coarsest level."""
+    finest_resolution: int = 256
+    """Cells a side of the finest level; about 2.5 times the image side wins on a CPU."""
+    width: int = 32
+    """Neurons in each hidden layer."""
+    geometry_features: int = 16
+    """Outputs of the density network; the first is the log-density, all of them feed the colour network."""
+    harmonics_degree: int = 3
+    """Bands of spherical harmonics for the viewing direction (degree d has d² numbers); 1 for few views."""
+
+    def level_resolution(self, level: int) -> int:
+        """Cells a side of one level: ``floor(base · b^level)`` with b set by the finest."""
+        if self.levels == 1:
+            return self.base_resolution
+        growth = math.log(self.finest_resolution / self.base_resolution) / (self.levels - 1)
+        return int(math.floor(self.base_resolution * math.exp(level * growth) + 1e-9))
+
+    def level_is_dense(self, level: int) -> bool:
+        """Whether every grid corner of a level has an entry of its own (no hashing)."""
+        return (self.level_resolution(level) + 1) ** 3 <= 2**self.log2_table_size
+
+    @property
+    def encoded_width(self) -> int:
+        """Length of the encoding of a point."""
+        return self.levels * self.features
+
+
+@dataclass(frozen=True)
+class MarchConfig:
+    """How rays are sampled and composited."""
+
+    steps: int = 256
+    """Steps across the diagonal of a bounded scene, or along an unbounded ray."""
+    occupancy_resolution: int = 64
+    """Cells a side of the occupancy grid."""
+    occupancy_threshold: float = 0.01
+    """Cells whose opacity over one step falls below this are skipped."""
+    min_transmittance: float = 1e-4
+    """Samples behind this transmittance are dropped."""
+    max_samples_per_ray: int = 1024
+    """Hard bound on a ray's samples."""

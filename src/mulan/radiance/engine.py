@@ -1,0 +1,109 @@
+"""What a trainable radiance field offers; every backend (torch, native, GPU) implements exactly this."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+from jaxtyping import Float, Int
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class RayBatch:
+    """Rays to learn from.
+
+    Attributes:
+        origins: World points [m].
+        directions: Unit world directions.
+        colours: Target colours in [0, 1], already over the background where the scene has one.
+        weights: Trust in each ray; zero means the ray is ignored.
+        image_index: Which image each ray came from.
+    """
+
+    origins: Float[Tensor, "r 3"]
+    directions: Float[Tensor, "r 3"]
+    colours: Float[Tensor, "r 3"]
+    weights: Float[Tensor, "r"]
+    image_index: Int[Tensor, "r"]
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """What rays see.
+
+    Attributes:
+        colour: In [0, 1], over the background.
+        depth_m: Expected distance along the ray.
+        opacity: Accumulated alpha.
+        variance: Predicted variance of the colour.
+    """
+
+    colour: Float[Tensor, "r 3"]
+    depth_m: Float[Tensor, "r"]
+    opacity: Float[Tensor, "r"]
+    variance: Float[Tensor, "r"]
+
+
+@dataclass(frozen=True)
+class StepReport:
+    """What one optimiser step did.
+
+    Attributes:
+        loss: Weighted mean loss.
+        mean_squared_error: Unweighted mean squared colour error of the batch.
+        samples: Field evaluations marched.
+    """
+
+    loss: float
+    mean_squared_error: float
+    samples: int
+
+
+@dataclass(frozen=True)
+class RaySamples:
+    """Samples along rays, packed one after another, for planners.
+
+    Attributes:
+        ray_index: Ray each sample lies on (non-decreasing).
+        blend: Compositing weight of each sample (transmittance times alpha).
+        colour: Colour of each sample.
+        variance: Predicted colour variance of each sample.
+        distance_m: Distance along the ray.
+    """
+
+    ray_index: Int[Tensor, "s"]
+    blend: Float[Tensor, "s"]
+    colour: Float[Tensor, "s 3"]
+    variance: Float[Tensor, "s"]
+    distance_m: Float[Tensor, "s"]
+
+
+class RadianceEngine(ABC):
+    """A radiance field that can be trained, rendered, saved and restored."""
+
+    @abstractmethod
+    def train_step(self, batch: RayBatch, learning_rate_factor: float) -> StepReport:
+        """One optimiser step; the factor scales the base learning rates (schedule)."""
+
+    @abstractmethod
+    def render(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> Rendering:
+        """Colour, depth, opacity and colour variance along rays, without gradients."""
+
+    @abstractmethod
+    def sample(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> RaySamples:
+        """The samples a rendering is made of, without gradients."""
+
+    @abstractmethod
+    def density(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, "n"]:
+        """Density [1/m] at world points, without gradients."""
+
+    @abstractmethod
+    def state(self) -> dict[str, Tensor]:
+        """Everything needed to go on training: parameters, moments, occupancy, counters."""
+
+    @abstractmethod
+    def load_state(self, state: dict[str, Tensor]) -> None:
+        """Restore what :meth:`state` gave.
+
+        Raises:
+            ValueError: A tensor is missing or has another shape.
+        """

@@ -1,0 +1,1 @@
+"""The hot operations, each once as a readable torch reference."""

@@ -1,0 +1,352 @@
+// The training step: everything about a tile of rays while it is in the cache, then the table level by level.
+//
+// The result does not depend on the number of threads: tiles are cut by the rays alone, every sum is taken in a fixed
+// order (within a tile, over groups of tiles, over the tiles of a level), and no two threads add to one number.
+#include "adam.h"
+#include "loss.h"
+#include "setup.h"
+
+namespace mulan::MULAN_ISA {
+namespace {
+
+constexpr int gradient_groups = 32;      // networks' gradients summed apart, then together
+constexpr int64_t wave_samples = 1 << 20;  // bounds memory: rays beyond it wait for the next wave
+
+struct TileRange {
+    int32_t first_ray, rays;  // in the list of rays with samples
+    int64_t scatter_at;       // first row of the tile in the scatter arrays
+    int32_t kept;
+    int64_t marched;
+    double loss, squared_error;
+};
+
+struct Learn {
+    MulanWorkspace& w;
+    const MulanField& field;
+    const MulanScene& scene;
+    const MulanOccupancy& occupancy;
+    const MulanRays& rays;
+    const MulanObjective& objective;
+    const MulanRendering* rendering;
+    float *origin_gradient, *direction_gradient;
+    bool parameters_wanted;
+
+    March march;
+    Networks networks;
+    Tiles tiles;
+    float inverse_weight;
+    const float* table;
+
+    // of the wave
+    float* t = nullptr;         // [rays, steps]
+    int32_t* counts = nullptr;  // [rays]
+    int32_t* listed = nullptr;  // rays of the wave with samples
+    TileRange* ranges = nullptr;
+    int tile_count = 0;
+    float* padded_gradients = nullptr;  // [groups, length]
+    float *sx = nullptr, *sy = nullptr, *sz = nullptr, *scatter = nullptr;  // kept samples; [levels, samples, 2]
+    int64_t scatter_capacity = 0;
+
+    bool ignored(int64_t ray) const { return !objective.colour_gradient && !(objective.weights[ray] > 0); }
+
+    void find_samples(int64_t first, int count) {
+        const int steps = scene.steps;
+#pragma omp parallel num_threads(w.threads)
+        {
+            FlushDenormals flush;
+#pragma omp for schedule(dynamic, 64)
+            for (int i = 0; i < count; ++i) {
+                const int64_t ray = first + i;
+                counts[i] = 0;
+                if (ignored(ray)) continue;
+                RayMarch walk(march, rays.origins + 3 * ray, rays.directions + 3 * ray, ray_jitter(rays, ray));
+                counts[i] = walk.collect(march, t + (int64_t)i * steps, steps);
+            }
+        }
+    }
+
+    // Consecutive rays with samples, until a tile is full.
+    void cut_tiles(int count) {
+        int listed_count = 0;
+        int64_t at = 0, in_tile = 0;
+        tile_count = 0;
+        for (int i = 0; i < count; ++i) {
+            if (counts[i] == 0) continue;
+            if (tile_count == 0 || in_tile + counts[i] > tile_samples) {
+                at += (in_tile + row_padding - 1) / row_padding * row_padding;
+                ranges[tile_count++] = TileRange{listed_count, 0, at, 0, 0, 0, 0};
+                in_tile = 0;
+            }
+            in_tile += counts[i];
+            TileRange& range = ranges[tile_count - 1];
+            range.rays++;
+            range.marched = in_tile;
+            listed[listed_count++] = i;
+        }
+        scatter_capacity = at + in_tile + row_padding;
+    }
+
+    void finish_ray(int64_t ray, float opacity, float moment, const float colour[3], float variance) const {
+        if (!rendering) return;
+        for (int c = 0; c < 3; ++c) rendering->colour[3 * ray + c] = colour[c];
+        rendering->depth_m[ray] = moment / larger(opacity, 1e-10f);
+        rendering->opacity[ray] = opacity;
+        rendering->variance[ray] = variance;
+    }
+
+    RayLoss judge(int64_t ray, const float colour[3], float variance) const {
+        if (!objective.colour_gradient)
+            return ray_loss(objective, objective.colours + 3 * ray, objective.weights[ray] * inverse_weight, colour,
+                            variance);
+        RayLoss given;
+        for (int c = 0; c < 3; ++c) given.colour_gradient[c] = objective.colour_gradient[3 * ray + c];
+        return given;
+    }
+
+    void process(TileRange& range, int64_t wave_first, Tile& tile, float* padded) {
+        const Evaluation e{field, scene, table, networks};
+        int marched = 0;
+        for (int slot = 0; slot < range.rays; ++slot) {
+            const int local = listed[range.first_ray + slot];
+            const int64_t ray = wave_first + local;
+            tile.ray_id[slot] = ray;
+            tile.first[slot] = marched;
+            tile.count[slot] = counts[local];
+            tile.transmittance[slot] = 1;
+            __builtin_memcpy(tile.t + marched, t + (int64_t)local * scene.steps, sizeof(float) * (size_t)counts[local]);
+            place_samples(e, march, tile, slot, marched, counts[local], rays.origins + 3 * ray,
+                          rays.directions + 3 * ray);
+            evaluate_direction(e, tile, slot, rays.directions + 3 * ray);
+            marched += counts[local];
+        }
+        evaluate_density(e, tile, marched);
+        const int n = drop_unreached(e, tile, range.rays);
+        evaluate_directions(e, tile, range.rays);
+        evaluate_colour(e, tile, n);
+        const bool head = rendering || (parameters_wanted && objective.variance_weight > 0);
+        if (head) evaluate_variance(e, tile, n);
+        for (int slot = 0; slot < range.rays; ++slot) composite_and_judge(range, tile, slot, head);
+        backpropagate(e, tile, n, range.rays, padded);
+        range.kept = n;
+        if (padded) {
+            if (objective.variance_weight > 0) add_variance_gradient(e, tile, n, padded);
+            keep_for_scatter(range, tile, n);
+        }
+        if (origin_gradient) ray_gradients(e, range, tile, n);
+    }
+
+    // Colour of one ray of the tile, its loss, and the gradient of that to its samples.
+    void composite_and_judge(TileRange& range, Tile& tile, int slot, bool head) {
+        const int first = tile.first[slot], kept = tile.kept[slot];
+        float colour[3] = {}, opacity = 0, moment = 0, variance = 0;
+        for (int k = first; k < first + kept; ++k) {
+            const float blend = tile.blend[k];
+            for (int c = 0; c < 3; ++c) colour[c] += blend * tile.colour[3 * k + c];
+            opacity += blend;
+            moment += blend * tile.t[k];
+            if (head) variance += blend * blend * tile.variance[k];
+        }
+        for (int c = 0; c < 3; ++c) colour[c] += (1 - opacity) * scene.background[c];
+        finish_ray(tile.ray_id[slot], opacity, moment, colour, variance);
+        const RayLoss r = judge(tile.ray_id[slot], colour, variance);
+        range.loss += r.loss;
+        range.squared_error += r.squared_error;
+        blend_ray_backward(kept, tile.blend + first, tile.reach_after + first, tile.colour + 3 * first,
+                           scene.background, r.colour_gradient, tile.d_depth + first);
+        for (int k = first; k < first + kept; ++k) {
+            for (int c = 0; c < 3; ++c) {
+                const float value = tile.colour[3 * k + c];
+                tile.d_logits[k * lanes + c] = r.colour_gradient[c] * tile.blend[k] * value * (1 - value);
+            }
+            tile.d_variance[k] = r.variance_gradient * tile.blend[k] * tile.blend[k];
+        }
+    }
+
+    // The table's gradient waits, sorted by level, until all tiles are done.
+    void keep_for_scatter(const TileRange& range, const Tile& tile, int n) {
+        const size_t bytes = sizeof(float) * (size_t)n;
+        __builtin_memcpy(sx + range.scatter_at, tile.x, bytes);
+        __builtin_memcpy(sy + range.scatter_at, tile.y, bytes);
+        __builtin_memcpy(sz + range.scatter_at, tile.z, bytes);
+        for (int level = 0; level < field.levels; ++level) {
+            float* out = scatter + 2 * (level * scatter_capacity + range.scatter_at);
+            const float* in = tile.d_encoded + 2 * level;
+            for (int k = 0; k < n; ++k) {
+                out[2 * k] = in[(int64_t)k * networks.encoded];
+                out[2 * k + 1] = in[(int64_t)k * networks.encoded + 1];
+            }
+        }
+    }
+
+    // Each ray belongs to one tile, so its gradient is complete here. Sample distances count as given.
+    void ray_gradients(const Evaluation& e, const TileRange& range, Tile& tile, int n) {
+        encode_backward_points(field, table, {tile.x, tile.y, tile.z}, n, tile.d_encoded, networks.encoded, tile.d_x,
+                               tile.d_y, tile.d_z);
+        backward(networks.colour_direction, tile.d_direction_term, range.rays, tile.d_harmonics, Plain{});
+        for (int slot = 0; slot < range.rays; ++slot) {
+            const int64_t ray = tile.ray_id[slot];
+            const float *o = rays.origins + 3 * ray, *d = rays.directions + 3 * ray;
+            float to_origin[3] = {}, to_direction[3] = {};
+            harmonics_backward(field.harmonics_degree, d, tile.d_harmonics + (int64_t)slot * networks.harmonics,
+                               to_direction);
+            for (int k = tile.first[slot]; k < tile.first[slot] + tile.kept[slot]; ++k) {
+                const float world[3] = {o[0] + tile.t[k] * d[0], o[1] + tile.t[k] * d[1], o[2] + tile.t[k] * d[2]};
+                const float unit[3] = {tile.d_x[k], tile.d_y[k], tile.d_z[k]};
+                float g[3];
+                to_unit_backward(e.scene, world, unit, g);
+                for (int a = 0; a < 3; ++a) {
+                    to_origin[a] += g[a];
+                    to_direction[a] += tile.t[k] * g[a];
+                }
+            }
+            for (int a = 0; a < 3; ++a) {
+                origin_gradient[3 * ray + a] = to_origin[a];
+                direction_gradient[3 * ray + a] = to_direction[a];
+            }
+        }
+    }
+
+    // One wave of rays: their loss, and the networks' part of the gradient.
+    void learn_wave(int64_t first, int count, float* network_gradient, MulanStepReport& report) {
+        find_samples(first, count);
+        cut_tiles(count);
+        const int groups = smaller(gradient_groups, tile_count);
+        if (parameters_wanted) {
+            const int64_t points = 4 * scatter_capacity, gradients = 2 * scatter_capacity * field.levels;
+            sx = (float*)w.scatter_points.reserve((size_t)points * 4);
+            sy = sx + scatter_capacity;
+            sz = sy + scatter_capacity;
+            scatter = (float*)w.scatter_gradients.reserve((size_t)gradients * 4);
+            padded_gradients =
+                (float*)w.group_gradients.reserve((size_t)(gradient_groups * networks.gradient_length) * 4);
+        }
+#pragma omp parallel num_threads(w.threads)
+        {
+            FlushDenormals flush;
+            Tile tile = tiles.of_thread();
+#pragma omp for schedule(dynamic, 1)
+            for (int group = 0; group < groups; ++group) {
+                float* padded = parameters_wanted ? padded_gradients + group * networks.gradient_length : nullptr;
+                if (padded) __builtin_memset(padded, 0, (size_t)networks.gradient_length * 4);
+                const int begin = (int)((int64_t)tile_count * group / groups);
+                const int end = (int)((int64_t)tile_count * (group + 1) / groups);
+                for (int i = begin; i < end; ++i) process(ranges[i], first, tile, padded);
+            }
+        }
+        for (int i = 0; i < tile_count; ++i) {
+            report.loss += ranges[i].loss;
+            report.squared_error += ranges[i].squared_error;
+            report.samples += ranges[i].marched;
+            report.kept += ranges[i].kept;
+        }
+        for (int i = 0; i < count; ++i) see_background(first + i, counts[i], report);
+        if (!parameters_wanted) return;
+        for (int group = 1; group < groups; ++group)
+            for (int64_t k = 0; k < networks.gradient_length; ++k)
+                padded_gradients[k] += padded_gradients[group * networks.gradient_length + k];
+        if (groups > 0) unpack_gradient(networks, padded_gradients, network_gradient);
+    }
+
+    // Rays without samples see the background; nothing there can learn.
+    void see_background(int64_t ray, int samples, MulanStepReport& report) const {
+        if (samples > 0) {
+            report.rays++;
+            return;
+        }
+        finish_ray(ray, 0, 0, scene.background, 0);
+        if (origin_gradient)
+            for (int a = 0; a < 3; ++a) origin_gradient[3 * ray + a] = direction_gradient[3 * ray + a] = 0;
+        if (ignored(ray)) return;
+        report.rays++;
+        const RayLoss r = judge(ray, scene.background, 0);
+        report.loss += r.loss;
+        report.squared_error += r.squared_error;
+    }
+
+    // Adds the wave to the table's gradient and, after the last wave, moves the table. Levels are independent.
+    void learn_table(float* gradient, bool fresh, float* value, const MulanAdam* adam_state) {
+        const int64_t size = (int64_t)2 << field.log2_table_size;
+#pragma omp parallel num_threads(w.threads)
+        {
+            FlushDenormals flush;
+#pragma omp for schedule(dynamic, 1)
+            for (int i = 0; i < field.levels; ++i) {
+                const int level = field.levels - 1 - i;  // the slow, hashed ones first
+                float* g = gradient + level * size;
+                if (fresh) __builtin_memset(g, 0, (size_t)size * 4);
+                if (field.level_weight[level] != 0.0f)
+                    for (int k = 0; k < tile_count; ++k) {
+                        const int64_t at = ranges[k].scatter_at;
+                        scatter_level(field, level, {sx + at, sy + at, sz + at},
+                                      scatter + 2 * (level * scatter_capacity + at), 2, ranges[k].kept, g);
+                    }
+                if (!adam_state || field.level_weight[level] == 0.0f) continue;
+                const MulanAdam& a = *adam_state;
+                adam(AdamStep(a.table_rate, a.beta1, a.beta2, a.epsilon, a.step, a.skip_untouched), size,
+                     value + level * size, a.table_mean + level * size, a.table_square + level * size, g);
+            }
+        }
+    }
+};
+
+// One pass over all rays; moves table and networks where `adam_state` is given.
+int32_t learn(MulanWorkspace* w, const MulanField* field, const MulanScene* scene, const MulanOccupancy* occupancy,
+              const float* table, const float* networks, const MulanRays* rays, const MulanObjective* objective,
+              float* table_gradient, float* network_gradient, float* moving_table, const MulanAdam* adam_state,
+              float* origin_gradient, float* direction_gradient, const MulanRendering* rendering,
+              MulanStepReport* report) {
+    *report = MulanStepReport{};
+    Networks packed = prepare_networks(*w, *field, networks);
+    double weight = 0;
+    if (!objective->colour_gradient)
+        for (int64_t i = 0; i < rays->count; ++i)
+            if (objective->weights[i] > 0) weight += objective->weights[i];
+    Learn job{*w, *field, *scene, *occupancy, *rays, *objective, rendering, origin_gradient, direction_gradient,
+              network_gradient != nullptr, March(*scene, *occupancy, prepare_march_table(*w, *scene)), packed,
+              Tiles{}, (float)(1 / (weight > 1e-12 ? weight : 1e-12)), table};
+    job.tiles = prepare_tiles(*w, job.networks, larger(tile_samples, scene->steps));
+    const int64_t wave = larger<int64_t>(wave_samples / scene->steps, 1);
+    const int64_t most = smaller(wave, rays->count);
+    job.t = (float*)w->ray_samples.reserve((size_t)(most * scene->steps) * 4 + 64);
+    job.counts = (int32_t*)w->ray_lists.reserve((size_t)most * 8 + 64);
+    job.listed = job.counts + most;
+    job.ranges = (TileRange*)w->tile_lists.reserve((size_t)(most + 1) * sizeof(TileRange));
+    // at least one wave, so that Adam's moments fade even when the batch is empty
+    for (int64_t first = 0; first == 0 || first < rays->count; first += wave) {
+        const int count = (int)smaller(wave, rays->count - first);
+        job.learn_wave(first, count, network_gradient, *report);
+        if (network_gradient)
+            job.learn_table(table_gradient, adam_state && first == 0, moving_table,
+                            first + wave >= rays->count ? adam_state : nullptr);
+    }
+    return MULAN_OK;
+}
+
+}  // namespace
+
+int32_t train_step(MulanWorkspace* w, const MulanField* field, const MulanScene* scene,
+                   const MulanOccupancy* occupancy, float* table, float* networks, const MulanRays* rays,
+                   const MulanObjective* objective, const MulanAdam* a, float* origin_gradient,
+                   float* direction_gradient, MulanStepReport* report) {
+    const int64_t count = mulan_network_parameters(field);
+    const size_t table_bytes = ((size_t)field->levels << field->log2_table_size) * 8;
+    float* network_gradient = (float*)w->network_gradient.reserve((size_t)count * 4);
+    __builtin_memset(network_gradient, 0, (size_t)count * 4);
+    float* table_gradient = (float*)w->table_gradient.reserve(table_bytes);
+    const int32_t status = learn(w, field, scene, occupancy, table, networks, rays, objective, table_gradient,
+                                 network_gradient, table, a, origin_gradient, direction_gradient, nullptr, report);
+    FlushDenormals flush;
+    adam(AdamStep(a->networks_rate, a->beta1, a->beta2, a->epsilon, a->step, false), count, networks,
+         a->networks_mean, a->networks_square, network_gradient);
+    return status;
+}
+
+int32_t gradients(MulanWorkspace* w, const MulanField* field, const MulanScene* scene,
+                  const MulanOccupancy* occupancy, const MulanParameters* p, const MulanRays* rays,
+                  const MulanObjective* objective, const MulanGradients* g, const MulanRendering* rendering,
+                  MulanStepReport* report) {
+    return learn(w, field, scene, occupancy, p->table, p->networks, rays, objective, g->table, g->networks, nullptr,
+                 nullptr, g->origins, g->directions, rendering, report);
+}
+
+}  // namespace mulan::MULAN_ISA

@@ -1,0 +1,36 @@
+#include "workspace.h"
+
+#include <cstdlib>
+#include <cstring>
+#include <new>
+
+#ifdef _OPENMP
+#include <omp.h>
+#endif
+
+namespace mulan {
+
+Buffer::~Buffer() { std::free(memory_); }
+
+void* Buffer::reserve(size_t bytes) {
+    if (bytes <= bytes_) return memory_;
+    const size_t rounded = (bytes + bytes / 4 + 4095) / 4096 * 4096;  // a quarter more: batches vary in size
+    std::free(memory_);
+    bytes_ = 0;
+    memory_ = std::aligned_alloc(4096, rounded);
+    if (!memory_) throw std::bad_alloc();
+    bytes_ = rounded;
+    return std::memset(memory_, 0, rounded);
+}
+
+size_t Buffer::bytes() const { return bytes_; }
+
+int default_threads() {
+#ifdef _OPENMP
+    return omp_get_max_threads();
+#else
+    return 1;
+#endif
+}
+
+}  // namespace mulan

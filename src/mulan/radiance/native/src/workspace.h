@@ -1,0 +1,34 @@
+// Scratch memory that grows to what the largest call needed and is used again by the next.
+// Included by code of every instruction set: declarations only, so that nothing is compiled twice.
+#pragma once
+#include <stddef.h>
+
+#include "../include/mulan_native.h"
+
+namespace mulan {
+
+class Buffer {
+  public:
+    Buffer() = default;
+    Buffer(const Buffer&) = delete;
+    Buffer& operator=(const Buffer&) = delete;
+    ~Buffer();
+    // At least so many bytes at a 64-byte boundary; zeroed when it grows, else as it was left.
+    // Throws std::bad_alloc: call it outside parallel regions.
+    void* reserve(size_t bytes);
+    size_t bytes() const;
+
+  private:
+    void* memory_ = nullptr;
+    size_t bytes_ = 0;
+};
+
+int default_threads();
+
+}  // namespace mulan
+
+struct MulanWorkspace {
+    int threads = 1;
+    mulan::Buffer packed_networks, tiles, march_table, ray_samples, ray_lists, tile_lists;
+    mulan::Buffer group_gradients, network_gradient, scatter_points, scatter_gradients, table_gradient;
+};

@@ -1,0 +1,208 @@
+"""The radiance field in plain torch: the readable reference and the fallback on any machine."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from mulan.radiance.config import FieldConfig, MarchConfig
+from mulan.radiance.engine import RadianceEngine, RayBatch, RaySamples, Rendering, StepReport
+from mulan.radiance.networks import RadianceField
+from mulan.radiance.occupancy import OccupancyGrid
+from mulan.radiance.rendering import FieldSamples, evaluate_rays
+from mulan.radiance.space import SceneSpace
+
+RENDERED_VARIANCE_FLOOR = 1e-4
+
+
+@dataclass(frozen=True)
+class OptimiserConfig:
+    """How the field learns."""
+
+    table_learning_rate: float = 2e-2
+    """Adam's step for the hash table."""
+    network_learning_rate: float = 1e-2
+    """Adam's step for the networks."""
+    huber_delta: float | None = None
+    """Colour errors above this count linearly instead of squared; None = squared throughout."""
+    occupancy_every: int = 16
+    """Steps between refreshes of the occupancy grid."""
+
+
+class TorchEngine(RadianceEngine):
+    """Reference implementation of :class:`RadianceEngine` on the CPU.
+
+    Two engines with the same arguments and the same batches are equal bit for bit (at one thread count).
+    """
+
+    def __init__(
+        self,
+        field: FieldConfig,
+        march: MarchConfig,
+        space: SceneSpace,
+        white_background: bool,
+        seed: int = 0,
+        optimiser: OptimiserConfig | None = None,
+    ) -> None:
+        """An untrained field.
+
+        Args:
+            field: Sizes.
+            march: Sampling.
+            space: Where the field lives.
+            white_background: What rays that hit nothing see: white, or black.
+            seed: Of the initial parameters and of the sampling.
+            optimiser: Learning rates and loss.
+        """
+        self.march_config, self.space, self.white_background = march, space, white_background
+        self.optimiser_config = optimiser or OptimiserConfig()
+        self._generator = torch.Generator().manual_seed(seed)
+        self.field = RadianceField(field, self._generator)
+        self._occupancy = OccupancyGrid(march, space)
+        self._steps = 0
+        networks = [p for name, p in self.field.named_parameters() if name != "table"]
+        self._adam = torch.optim.Adam(
+            [{"params": [self.field.table]}, {"params": networks}],
+            betas=(0.9, 0.99),
+            eps=1e-15,
+            fused=True,
+        )
+
+    @property
+    def field_config(self) -> FieldConfig:
+        """Sizes of the field."""
+        return self.field.config
+
+    def train_step(self, batch: RayBatch, learning_rate_factor: float) -> StepReport:
+        """One optimiser step; see :class:`RadianceEngine`."""
+        used = (batch.weights > 0).nonzero()[:, 0]
+        origins, directions = batch.origins[used], batch.directions[used]
+        target, weights = batch.colours[used], batch.weights[used]
+        jitter = torch.rand(len(used), generator=self._generator)
+        samples = self._evaluate(origins, directions, jitter)
+        rendered = samples.composite(len(used))
+        error = self._over_background(rendered.colour, rendered.opacity) - target
+        squared = error.square().mean(-1)
+        share = weights / weights.sum().clamp_min(1e-12)
+        loss = (share * self._penalty(error)).sum()
+        # Heteroscedastic log-likelihood; blend and residual are detached so that it trains the head only.
+        variance = _rendered_variance(samples, len(used)) + RENDERED_VARIANCE_FLOOR
+        likelihood = (share * 0.5 * (squared.detach() / variance + variance.log())).sum()
+        self._adam.zero_grad(set_to_none=True)
+        (loss + likelihood).backward()
+        rates = (self.optimiser_config.table_learning_rate, self.optimiser_config.network_learning_rate)
+        for group, rate in zip(self._adam.param_groups, rates, strict=True):
+            group["lr"] = rate * learning_rate_factor
+        self._adam.step()
+        self._steps += 1
+        if self._steps % self.optimiser_config.occupancy_every == 0:
+            self._refresh_occupancy()
+        mean_squared = float(squared.detach().mean()) if len(used) else 0.0
+        return StepReport(loss=float(loss.detach()), mean_squared_error=mean_squared, samples=samples.marched)
+
+    @torch.no_grad()
+    def render(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> Rendering:
+        """Colour, depth, opacity and colour variance along rays; see :class:`RadianceEngine`.
+
+        The depth is the blend's mean distance, 0 where nothing is hit.
+        """
+        parts = []
+        for start in range(0, len(origins), self._rays_at_once):
+            o = origins[start : start + self._rays_at_once]
+            samples = self._evaluate(o, directions[start : start + len(o)], torch.full((len(o),), 0.5))
+            c = samples.composite(len(o))
+            parts.append((self._over_background(c.colour, c.opacity), c.distance_m, c.opacity, c.variance))
+        if not parts:
+            empty = origins.new_zeros(0)
+            return Rendering(origins.new_zeros(0, 3), empty, empty, empty)
+        colour, distance, opacity, variance = (torch.cat(column) for column in zip(*parts, strict=True))
+        return Rendering(colour.clamp(0, 1), distance, opacity, variance)
+
+    @torch.no_grad()
+    def sample(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> RaySamples:
+        """The samples a rendering is made of; see :class:`RadianceEngine`."""
+        parts = []
+        for start in range(0, max(len(origins), 1), self._rays_at_once):
+            o = origins[start : start + self._rays_at_once]
+            s = self._evaluate(o, directions[start : start + len(o)], torch.full((len(o),), 0.5))
+            parts.append((s.ray_index + start, s.blend, s.colour, s.variance, s.distance_m))
+        return RaySamples(*(torch.cat(column) for column in zip(*parts, strict=True)))
+
+    @torch.no_grad()
+    def density(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, "n"]:
+        """Density [1/m] at world points, 0 outside a bounded scene."""
+        unit = self.space.to_unit(points)
+        inside = ((unit >= 0) & (unit <= 1)).all(-1)
+        return torch.where(inside, self._density_unit(unit.clamp(0, 1)), 0.0)
+
+    def state(self) -> dict[str, Tensor]:
+        """Parameters, Adam moments, occupancy, counters and generator, as copies."""
+        state = {}
+        for name, parameter in self.field.named_parameters():
+            state[name] = parameter.detach().clone()
+            moments = self._adam.state.get(parameter, {})
+            for key in ("exp_avg", "exp_avg_sq"):
+                state[f"{key}.{name}"] = moments.get(key, torch.zeros_like(parameter)).detach().clone()
+        state["occupancy.opacity"] = self._occupancy.opacity.clone()
+        state["occupancy.occupied"] = self._occupancy.occupied.clone()
+        state["counters"] = torch.tensor([self._steps, self._occupancy.refreshes])
+        state["generator"] = self._generator.get_state()
+        return state
+
+    def load_state(self, state: dict[str, Tensor]) -> None:
+        """Restore what :meth:`state` gave; see :class:`RadianceEngine`."""
+        for name, mine in self.state().items():
+            if name not in state:
+                raise ValueError(f"the saved field lacks '{name}'")
+            if state[name].shape != mine.shape or state[name].dtype != mine.dtype:
+                raise ValueError(
+                    f"'{name}' has shape {tuple(state[name].shape)} and type {state[name].dtype},"
+                    f" not {tuple(mine.shape)} and {mine.dtype}"
+                )
+        self._steps, self._occupancy.refreshes = (int(x) for x in state["counters"])
+        with torch.no_grad():
+            for name, parameter in self.field.named_parameters():
+                parameter.copy_(state[name])
+                self._adam.state[parameter] = {
+                    "step": torch.tensor(float(self._steps)),
+                    "exp_avg": state[f"exp_avg.{name}"].clone(),
+                    "exp_avg_sq": state[f"exp_avg_sq.{name}"].clone(),
+                }
+        self._occupancy.opacity = state["occupancy.opacity"].clone()
+        self._occupancy.occupied = state["occupancy.occupied"].clone()
+        self._generator.set_state(state["generator"])
+
+    @property
+    def _rays_at_once(self) -> int:
+        # memory stays bounded whatever the occupancy
+        return max(1, 2**20 // self.march_config.steps)
+
+    def _evaluate(self, origins: Tensor, directions: Tensor, jitter: Tensor) -> FieldSamples:
+        occupied = self._occupancy.occupied
+        return evaluate_rays(self.field, self.space, self.march_config, occupied, origins, directions, jitter)
+
+    def _over_background(self, colour: Tensor, opacity: Tensor) -> Tensor:
+        return colour + (1 - opacity)[:, None] if self.white_background else colour
+
+    def _penalty(self, error: Float[Tensor, "r 3"]) -> Float[Tensor, "r"]:
+        delta = self.optimiser_config.huber_delta
+        if delta is None:
+            return error.square().mean(-1)
+        size = error.abs()
+        return torch.where(size <= delta, size.square(), delta * (2 * size - delta)).mean(-1)
+
+    def _density_unit(self, unit: Float[Tensor, "n 3"]) -> Float[Tensor, "n"]:
+        parts = [self.field.geometry(chunk)[0] for chunk in unit.split(2**17)]
+        return torch.cat(parts) / self.space.radius_m
+
+    @torch.no_grad()
+    def _refresh_occupancy(self) -> None:
+        cells = self._occupancy.choose_cells(self._generator)
+        unit = self._occupancy.points_in(cells, self._generator)
+        self._occupancy.refresh(cells, unit, self._density_unit(unit))
+
+
+def _rendered_variance(samples: FieldSamples, rays: int) -> Float[Tensor, "r"]:
+    blend = samples.blend.detach()
+    return torch.zeros(rays).index_add(0, samples.ray_index, blend.square() * samples.variance)
