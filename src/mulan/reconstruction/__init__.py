@@ -1,0 +1,1 @@
+"""Learning the field from posed photographs: weights, training, checkpoints, held-out figures."""

@@ -1,0 +1,68 @@
+"""Learn a field, score it on the held-out views, write both to the run."""
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+from mulan.mission.posed_images import PosedImage, PosedImageSet
+from mulan.mission.run_folder import RunFolder, read_json, write_json
+from mulan.reconstruction.held_out import evaluate_held_out
+from mulan.reconstruction.train_config import TrainConfig
+from mulan.reconstruction.trainer import TrainingStatus, train
+from mulan.reconstruction.weights import Weighting
+
+Progress = Callable[[float, float, str], None]
+"""Done, total, a few words."""
+
+
+def reconstruct(
+    images: PosedImageSet, weighting: Weighting, config: TrainConfig, run: RunFolder, progress: Progress
+) -> dict[str, Any]:
+    """Train and evaluate; a run already finished with the same images and options is kept as it is.
+
+    Returns:
+        What it writes to metrics.json: ``psnr_db``, ``ssim`` (None without held-out views), ``views``,
+        ``train_seconds``, ``steps``, ``samples_per_s``, ``made_from``.
+
+    Raises:
+        InputError: See :func:`mulan.reconstruction.trainer.train`.
+    """
+    made_from = fingerprint(images, weighting, config)
+    if run.metrics.exists() and run.field.exists():
+        finished = read_json(run.metrics, "mulan train")
+        if finished.get("made_from") == made_from:
+            progress(1, 1, "finished earlier")
+            return finished
+
+    def follow(status: TrainingStatus) -> None:
+        rate = status.samples / max(status.seconds, 1e-9) / 1e6
+        progress(status.fraction_done, 1, f"{status.train_psnr_db:.1f} dB, {rate:.2f} M samples/s")
+
+    result = train(images, weighting, config, run, follow)
+    progress(1, 1, "rendering held-out views")
+    metrics = {
+        **evaluate_held_out(result.engine, result.test, run),
+        "train_seconds": result.seconds,
+        "steps": result.steps,
+        "samples_per_s": result.samples / max(result.seconds, 1e-9),
+        "made_from": made_from,
+    }
+    write_json(run.metrics, metrics)
+    return metrics
+
+
+def fingerprint(images: PosedImageSet, weighting: Weighting, config: TrainConfig) -> str:
+    """A digest of everything a reconstruction depends on: image files, poses, covariances, options."""
+    digest = hashlib.sha256(f"{weighting} {json.dumps(asdict(config), sort_keys=True)}".encode())
+    for image in (*images.train, *images.test):
+        digest.update(_image_bytes(image))
+    return digest.hexdigest()[:16]
+
+
+def _image_bytes(image: PosedImage) -> bytes:
+    stat = image.path.stat() if image.path.exists() else None
+    covariance = b"" if image.pose_covariance is None else image.pose_covariance.tobytes()
+    size = f"{image.path.name} {stat.st_size if stat else -1} {image.camera}"
+    return size.encode() + image.T_world_camera.tobytes() + covariance

@@ -1,0 +1,40 @@
+"""Options of a training."""
+
+import math
+from dataclasses import dataclass
+
+from mulan.radiance.config import FieldConfig
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """How long, how large and how a field is learnt."""
+
+    image_size: int = 200
+    """Longest side the photographs are brought down to, in pixels."""
+    time_budget_s: float = 120.0
+    """Seconds of learning (evaluation and files excluded), unless a number of steps is given."""
+    steps: int | None = None
+    """Optimiser steps; overrides the time budget and makes the result repeatable bit for bit."""
+    batch_samples: int = 16384
+    """Field evaluations a step; the number of rays adapts to it."""
+    final_learning_rate: float = 0.01
+    """Learning rate at the end, as a fraction of the first (half a cosine between)."""
+    seed: int = 0
+    """Of the initial field, the batches and the sampling."""
+    evaluate_every_s: float = 15.0
+    """Seconds of learning between points of the training curve."""
+    checkpoint_every_s: float = 10.0
+    """Seconds of learning between checkpoints."""
+    field: FieldConfig | None = None
+    """Sizes of the field; chosen from image size and number of views if not given."""
+
+    def fraction_done(self, steps: int, seconds: float) -> float:
+        """Share of the training behind us, 1 when it is over."""
+        done = steps / self.steps if self.steps is not None else seconds / self.time_budget_s
+        return min(done, 1.0)
+
+    def learning_rate_factor(self, fraction_done: float) -> float:
+        """Half a cosine from 1 to the final learning rate."""
+        cosine = 0.5 * (1 + math.cos(math.pi * fraction_done))
+        return self.final_learning_rate + (1 - self.final_learning_rate) * cosine

@@ -1,0 +1,218 @@
+"""Learning a field from posed photographs: batches, schedule, checkpoints, training curve."""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import torch
+
+from mulan.errors import InputError
+from mulan.mission.posed_images import PosedImageSet
+from mulan.mission.run_folder import RunFolder, write_json
+from mulan.radiance.engine import RadianceEngine
+from mulan.reconstruction.captured_image import CapturedImage, load_captured
+from mulan.reconstruction.checkpoint import Progress, read_checkpoint, write_checkpoint
+from mulan.reconstruction.dataset import ImageTensors
+from mulan.reconstruction.field_choice import choose_field, choose_march
+from mulan.reconstruction.field_file import FieldDescription, save_field
+from mulan.reconstruction.held_out import psnr_db
+from mulan.reconstruction.scene_space import choose_space
+from mulan.reconstruction.train_config import TrainConfig
+from mulan.reconstruction.weights import Weighting
+
+MAX_RAYS = 16384
+CURVE_VIEWS = 4  # test views behind each point of the training curve
+SMOOTHING = 0.95  # of the running mean squared error shown in the curve
+
+
+@dataclass(frozen=True)
+class TrainingStatus:
+    """What a progress display needs after each step.
+
+    Attributes:
+        fraction_done: Share of the training behind us.
+        steps, seconds: Optimiser steps and seconds of learning.
+        samples: Field evaluations so far.
+        train_psnr_db: Of recent batches.
+    """
+
+    fraction_done: float
+    steps: int
+    seconds: float
+    samples: int
+    train_psnr_db: float
+
+
+@dataclass(frozen=True)
+class TrainingResult:
+    """A learnt field.
+
+    Attributes:
+        engine: The field.
+        description: Its sizes and space.
+        test: Held-out photographs at the size trained at, for :func:`evaluate_held_out`.
+        history: Training curve, as in ``history.json``.
+        steps, seconds, samples: Optimiser steps, seconds of learning, field evaluations.
+    """
+
+    engine: RadianceEngine
+    description: FieldDescription
+    test: tuple[CapturedImage, ...]
+    history: tuple[dict[str, Any], ...]
+    steps: int
+    seconds: float
+    samples: int
+
+
+def train(
+    images: PosedImageSet,
+    weighting: Weighting,
+    config: TrainConfig,
+    run: RunFolder,
+    progress: Callable[[TrainingStatus], None] | None = None,
+) -> TrainingResult:
+    """Learn a field and write it to the run, resuming an unfinished training of the same options and images.
+
+    Writes ``checkpoint.safetensors`` as it goes (removed at the end), then ``field.safetensors`` and
+    ``history.json``.
+
+    Args:
+        images: Photographs with poses.
+        weighting: How far each pixel is trusted.
+        config: Options.
+        run: Folder to write to.
+        progress: Called after every step.
+
+    Raises:
+        InputError: There is no photograph, one is damaged, no pixel has weight, an option makes no sense, or
+            an unfinished training in the run was started with other options or images.
+    """
+    _check(images, config)
+    captured = load_captured(images.train, config.image_size)
+    test = load_captured(images.test, config.image_size)
+    space = choose_space(captured)
+    field = config.field or choose_field(config.image_size, len(captured), space.unbounded)
+    description = FieldDescription(field, choose_march(config.image_size), space, not space.unbounded)
+    data = ImageTensors(captured, weighting.weight_maps(captured, space))
+    if not data.drawable_pixels:
+        raise InputError(images.source, "weights", "are zero everywhere", "use weights that keep some images")
+    engine = description.new_engine(config.seed)
+    loop = _Loop(config, engine, data, test, run, _identity(config, weighting, description, data))
+    loop.run_to_end(progress)
+    state = loop.state
+    save_field(run.field, engine, description)
+    write_json(run.history, list(state.history))
+    run.checkpoint.unlink(missing_ok=True)
+    return TrainingResult(engine, description, test, state.history, state.steps, state.seconds, state.samples)
+
+
+class _Loop:
+    """The steps of one training, taken up wherever its checkpoint left off."""
+
+    def __init__(
+        self,
+        config: TrainConfig,
+        engine: RadianceEngine,
+        data: ImageTensors,
+        test: tuple[CapturedImage, ...],
+        run: RunFolder,
+        identity: dict[str, Any],
+    ) -> None:
+        self._config, self._engine, self._data, self._run = config, engine, data, run
+        self._identity = identity
+        self._curve_views = ImageTensors(test[:: max(1, len(test) // CURVE_VIEWS)]) if test else None
+        self._sampler = torch.Generator().manual_seed(config.seed + 1)
+        self.state = Progress()
+        if run.checkpoint.exists():
+            tensors, self._sampler, self.state = read_checkpoint(run.checkpoint, identity)
+            try:
+                engine.load_state(tensors)
+            except ValueError as error:
+                raise InputError(run.checkpoint, "field", str(error), "delete it to start anew") from error
+        # a resumed training owes its next checkpoint and curve point from where it stands
+        self._saved_s = self._evaluated_s = self.state.seconds
+
+    def run_to_end(self, progress: Callable[[TrainingStatus], None] | None) -> None:
+        config = self._config
+        while (done := config.fraction_done(self.state.steps, self.state.seconds)) < 1:
+            self._step(config.learning_rate_factor(done))
+            seconds = self.state.seconds
+            if seconds - self._evaluated_s >= config.evaluate_every_s:
+                self._add_to_history()
+            if seconds - self._saved_s >= config.checkpoint_every_s:
+                self._saved_s = seconds
+                tensors = self._engine.state()
+                write_checkpoint(self._run.checkpoint, tensors, self._sampler, self.state, self._identity)
+            if progress:
+                progress(self._status())
+        self._add_to_history()
+
+    def _step(self, learning_rate_factor: float) -> None:
+        s = self.state
+        began = time.perf_counter()
+        report = self._engine.train_step(self._data.sample(s.rays, self._sampler), learning_rate_factor)
+        seconds = s.seconds + time.perf_counter() - began
+        error = report.mean_squared_error
+        if s.mean_squared_error is not None:
+            error = SMOOTHING * s.mean_squared_error + (1 - SMOOTHING) * error
+        rays = _next_rays(s.rays, report.samples, self._config.batch_samples)
+        samples = s.samples + report.samples
+        self.state = Progress(s.steps + 1, seconds, rays, samples, report.loss, error, s.history)
+
+    def _status(self) -> TrainingStatus:
+        s = self.state
+        done = self._config.fraction_done(s.steps, s.seconds)
+        return TrainingStatus(done, s.steps, s.seconds, s.samples, _decibel(s.mean_squared_error))
+
+    def _add_to_history(self) -> None:
+        views, s = self._curve_views, self.state
+        test = [psnr_db(self._engine, views, i) for i in range(len(views))] if views else []
+        point = {
+            "seconds": round(s.seconds, 3),
+            "steps": s.steps,
+            "loss": s.loss,
+            "train_psnr_db": _decibel(s.mean_squared_error),
+            "test_psnr_db": sum(test) / len(test) if test else None,
+        }
+        self.state = replace(s, history=(*s.history, point))
+        self._evaluated_s = s.seconds
+
+
+def _check(images: PosedImageSet, config: TrainConfig) -> None:
+    if not images.train:
+        raise InputError(images.source, "photographs", "there is none to learn from", "give at least one")
+    for option, value in (
+        ("--time-budget-s", config.time_budget_s),
+        ("--image-size", config.image_size),
+        ("--batch-samples", config.batch_samples),
+        ("--steps", 1 if config.steps is None else config.steps),
+    ):
+        if not (math.isfinite(value) and value > 0):
+            raise InputError(option, "value", f"{value} is not a positive number", "give one above zero")
+
+
+def _identity(
+    config: TrainConfig, weighting: Weighting, description: FieldDescription, data: ImageTensors
+) -> dict[str, Any]:
+    """What must be the same for a training to be resumed; how often it reports may change."""
+    options = asdict(config)
+    for name in ("evaluate_every_s", "checkpoint_every_s", "field"):
+        del options[name]
+    return {
+        **options,
+        "weighting": f"{weighting}",
+        "description": description.to_json(),
+        "images": data.fingerprint(),
+    }
+
+
+def _next_rays(rays: int, samples: int, target: int) -> int:
+    """Rays that would have met the target, at most doubled or halved at a time."""
+    wanted = int(rays * target / max(samples, 1))
+    return max(32, min(max(wanted, rays // 2), rays * 2, MAX_RAYS))
+
+
+def _decibel(mean_squared_error: float | None) -> float:
+    return 0.0 if mean_squared_error is None else -10 * math.log10(max(mean_squared_error, 1e-10))
