@@ -1,0 +1,1 @@
+"""Which view is worth the trip, for each robot and for the team."""
