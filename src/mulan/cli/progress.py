@@ -1,0 +1,78 @@
+"""Progress bars for everything over two seconds."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+console = Console(highlight=False, soft_wrap=True)
+
+ReportProgress = Callable[[float, float, str], None]
+"""Called with what is done, the total, and a few words on the latest state."""
+
+_PLAIN_INTERVAL_S = 20.0  # how often a log file without a terminal hears of a long stage
+
+
+def _columns() -> tuple:
+    return (
+        SpinnerColumn(),
+        TextColumn("{task.description:<28}"),
+        BarColumn(bar_width=24),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        TextColumn("[dim]{task.fields[text]}"),
+    )
+
+
+def _plain(title: str) -> ReportProgress:
+    console.print(f"{title} ...")
+    last = time.monotonic()
+
+    def report(done: float, total: float, text: str) -> None:
+        nonlocal last
+        if time.monotonic() - last > _PLAIN_INTERVAL_S:
+            last = time.monotonic()
+            console.print(f"  {title}: {100 * done / max(total, 1e-9):.0f} % {text}")
+
+    return report
+
+
+@contextmanager
+def progress_stages() -> Iterator[Callable[[str], ReportProgress]]:
+    """One live display for several stages in turn: call it with a title, follow the callback it gives.
+
+    Beginning a stage ends the one before. Where the output is not a terminal, plain lines are printed.
+    """
+    if not console.is_terminal:
+        yield _plain
+        return
+    with Progress(*_columns(), console=console) as progress:
+
+        def begin(title: str) -> ReportProgress:
+            finish()
+            task = progress.add_task(title, total=None, text="")
+            return lambda done, total, text: progress.update(task, completed=done, total=total, text=text)
+
+        def finish() -> None:
+            for task in progress.tasks:
+                if not task.finished:
+                    progress.update(task.id, total=1, completed=1)
+
+        yield begin
+        finish()
+
+
+@contextmanager
+def progress_bar(title: str) -> Iterator[ReportProgress]:
+    """The display of a single stage."""
+    with progress_stages() as begin:
+        yield begin(title)

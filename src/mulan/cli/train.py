@@ -1,0 +1,88 @@
+"""``mulan train``: learn the radiance field from a run or from any posed image set."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from mulan.cli.progress import console, progress_bar
+from mulan.errors import InputError
+from mulan.mission.image_sets import read_posed_images
+from mulan.mission.nerfstudio import read_transforms
+from mulan.mission.posed_images import PosedImageSet
+from mulan.mission.run_folder import RunFolder
+from mulan.reconstruction.reconstruct import reconstruct
+from mulan.reconstruction.train_config import TrainConfig
+from mulan.reconstruction.weights import NoWeights, PaperWeights, UncertaintyWeights, Weighting
+
+
+@dataclass(frozen=True)
+class Options:
+    """Learn the radiance field. Stopped at any moment, the same command goes on where it was."""
+
+    run: Annotated[Path, tyro.conf.Positional]
+    """Run folder; 'mulan localize' put the posed images there unless --data names others."""
+    data: Path | None = None
+    """Posed image set of your own: a folder or transforms.json (Blender, nerfstudio, instant-ngp)."""
+    hold_out_every: int = 8
+    """With --data: every n-th image becomes a test view where the set names none; 0 holds out none."""
+    weighting: Literal["none", "paper", "uncertainty"] = "uncertainty"
+    """Trust in each pixel: equal, the paper's formula as printed, or what its pose covariance deserves."""
+    config: tyro.conf.AvoidSubcommands[tyro.conf.OmitArgPrefixes[TrainConfig]] = field(
+        default_factory=TrainConfig
+    )
+    """Training options."""
+
+
+def weighting_named(name: Literal["none", "paper", "uncertainty"]) -> Weighting:
+    """The weighting a command line word stands for."""
+    match name:
+        case "none":
+            return NoWeights()
+        case "paper":
+            return PaperWeights()
+        case "uncertainty":
+            return UncertaintyWeights()
+
+
+def images_of(options: Options) -> PosedImageSet:
+    """The posed images to learn from.
+
+    Raises:
+        InputError: The run has none and no other set was named.
+    """
+    if options.data is not None:
+        return read_posed_images(options.data, options.hold_out_every)
+    run = RunFolder(options.run)
+    if not run.transforms.exists():
+        raise InputError(
+            run.transforms,
+            "file",
+            "does not exist",
+            "make it with 'mulan localize', or name images with --data",
+        )
+    return read_transforms(run.transforms)
+
+
+def train_run(run: RunFolder, images: PosedImageSet, weighting: Weighting, config: TrainConfig) -> None:
+    """Train with a progress bar and say how good it became."""
+    console.print(f"{len(images.train)} images to learn from, {len(images.test)} held out")
+    with progress_bar("Training") as progress:
+        metrics = reconstruct(images, weighting, config, run, progress)
+    score = f"{metrics['train_seconds']:.0f} s and {metrics['steps']} steps of training"
+    if metrics["psnr_db"] is not None:
+        score = f"Held-out views: [bold]{metrics['psnr_db']:.2f} dB[/] PSNR after {score}"
+    console.print(score)
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Train one run."""
+    options = tyro.cli(Options, args=arguments, prog="mulan train")
+    run = RunFolder(options.run)
+    train_run(run, images_of(options), weighting_named(options.weighting), options.config)
+    run.record_config("train", {"arguments": list(arguments)})
+    console.print(f"Field: [bold]{run.field}[/]")
+    console.print(f"Next: [cyan]mulan plan {options.run}[/]")
+    return 0

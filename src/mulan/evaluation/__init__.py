@@ -1,0 +1,1 @@
+"""Metrics and the protocols behind every published number."""
