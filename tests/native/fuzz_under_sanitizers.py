@@ -37,16 +37,18 @@ def odd_rays(rng: np.random.Generator, n: int) -> NDArray:
     return rays
 
 
-def run(library: NativeLibrary, rng: np.random.Generator, unbounded: bool) -> None:
+def run(
+    library: NativeLibrary, workspace: int, rng: np.random.Generator, unbounded: bool, steps: int
+) -> None:
     c = library.functions
-    n, side, levels, log2 = 500, 16, 3, 6
+    n, side, levels, log2 = 300, 16, 3, 6
     field = NativeField(
         levels, log2, 12, 5, 3, log_density_offset=-1.5, log_density_max=15, variance_floor=1e-4
     )
     field.resolution[:levels], field.dense[:levels] = [3, 9, 500], [1, 0, 0]
     field.level_weight[:levels] = [1.0] * levels
     scene = NativeScene(radius_m=1.0, near_radii=0.02, growth=4.8, min_transmittance=1e-4)
-    scene.unbounded, scene.steps, scene.occupancy_resolution = unbounded, 64, side
+    scene.unbounded, scene.steps, scene.occupancy_resolution = unbounded, steps, side
     table = rng.normal(size=(levels, 2**log2, 2)).astype(np.float32)
     networks = rng.normal(size=c.mulan_network_parameters(field)).astype(np.float32)
     occupied = (rng.random(side**3) < 0.5).astype(np.uint8)
@@ -61,7 +63,6 @@ def run(library: NativeLibrary, rng: np.random.Generator, unbounded: bool) -> No
     colours, weights = rng.random((n, 3), np.float32), rng.random(n, np.float32)
     out = [np.zeros((n, 3), np.float32), *np.zeros((3, n), np.float32)]
     rendering = NativeRendering(*(at(x) for x in out))
-    workspace = c.mulan_workspace_create(2)
     parameters = NativeParameters(at(table), at(networks))
     context = (workspace, field, scene, occupancy)
     check(c.mulan_render(*context, parameters, rays, rendering))
@@ -98,15 +99,17 @@ def run(library: NativeLibrary, rng: np.random.Generator, unbounded: bool) -> No
     back = np.zeros_like(points)
     arrays = at(points), at(encoded), at(gradients[0]), at(back)
     check(c.mulan_encode_backward(field, at(table), 777, *arrays))
-    c.mulan_workspace_destroy(workspace)
 
 
 def main() -> None:
     library = NativeLibrary(Path(sys.argv[1]))
     rng = np.random.default_rng(0)
-    for _ in range(4):
-        run(library, rng, unbounded=False)
-        run(library, rng, unbounded=True)
+    # one workspace throughout: what a call leaves in it must not harm one of other sizes
+    workspace = library.functions.mulan_workspace_create(3)
+    for steps in (40, 300, 7, 500):
+        run(library, workspace, rng, unbounded=False, steps=steps)
+        run(library, workspace, rng, unbounded=True, steps=steps)
+    library.functions.mulan_workspace_destroy(workspace)
     print("clean")
 
 

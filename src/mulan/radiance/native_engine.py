@@ -42,7 +42,7 @@ class NativeConfig:
     """How the native engine runs."""
 
     threads: int = 0
-    """Threads to use; 0 = as many as OpenMP would. Results do not depend on it."""
+    """Threads to use; 0 = as many as torch would. Results do not depend on it."""
     update_untouched: bool = False
     """Whether table entries without gradient still move by their momentum, as in the reference (slower)."""
     occupancy: NativeGridConfig = field(default_factory=NativeGridConfig)
@@ -93,7 +93,7 @@ class NativeEngine(RadianceEngine):
         self._generator = torch.Generator().manual_seed(seed)
         self._field = native_field(field)
         self._scene = native_scene(march, space, white_background)
-        workspace = self._c.mulan_workspace_create(self.native_config.threads)
+        workspace = self._c.mulan_workspace_create(self.native_config.threads or torch.get_num_threads())
         if not workspace:
             raise MemoryError("no memory for the native engine's workspace")
         self._workspace = workspace

@@ -32,6 +32,11 @@ class OccupancyGrid:
         self._warm_up = warm_up
         self._march, self._space = march, space
 
+    @property
+    def is_warm(self) -> bool:
+        """Whether enough refreshes have seen the field to tell empty from not yet learnt."""
+        return self.refreshes >= self._warm_up
+
     def choose_cells(self, generator: torch.Generator) -> Int[Tensor, "cells"]:
         """Flat cells to refresh next: all of them during the warm-up."""
         cells = self.opacity.numel()
@@ -70,6 +75,6 @@ class OccupancyGrid:
         flat[cells] = flat[cells] * DECAY
         flat.scatter_reduce_(0, cells, value, "amax")
         self.refreshes += 1
-        if self.refreshes >= self._warm_up:
+        if self.is_warm:
             threshold = min(self._march.occupancy_threshold, float(flat.mean()))
             self.occupied = self.opacity > threshold

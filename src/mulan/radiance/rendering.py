@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
@@ -45,16 +46,24 @@ def evaluate_rays(
     origins: Float[Tensor, "r 3"],
     directions: Float[Tensor, "r 3"],
     jitter: Float[Tensor, "r"],
+    least_opacity: Float[Tensor, "r"] | None = None,
 ) -> FieldSamples:
-    """Samples along world rays; differentiable in the field's parameters."""
+    """Samples along world rays; differentiable in the field's parameters.
+
+    Samples thinner than their ray's ``least_opacity`` count as empty.
+    """
     samples = march_rays(origins, directions, space, march, occupied, jitter)
     ray, t = samples.ray_index, samples.distance_m
     along = directions.index_select(0, ray)
     points = origins.index_select(0, ray) + t[:, None] * along
     density, hidden, features = field.geometry(space.to_unit(points))
     optical_depth = density * (samples.step_m / space.radius_m)
-    # Transmittance only falls along a ray, so what is kept is the front part of each ray.
-    kept = (transmittance(optical_depth, ray) > march.min_transmittance).nonzero()[:, 0]
+    thick = torch.ones_like(ray, dtype=torch.bool)
+    if least_opacity is not None:
+        thick = -torch.expm1(-optical_depth.detach()) >= least_opacity[ray]
+        optical_depth = optical_depth.where(thick, 0.0)
+    reached = transmittance(optical_depth, ray) > march.min_transmittance
+    kept = (reached & thick).nonzero()[:, 0]
     if len(kept) < len(ray):
         ray, t, along = ray[kept], t[kept], along[kept]
         hidden, features = hidden.detach()[kept], features.index_select(0, kept)

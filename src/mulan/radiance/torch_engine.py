@@ -14,6 +14,7 @@ from mulan.radiance.rendering import FieldSamples, evaluate_rays
 from mulan.radiance.space import SceneSpace
 
 RENDERED_VARIANCE_FLOOR = 1e-4
+EXPLORING_SHARE = 0.1  # rays that learn from thin samples too, or nothing could ever grow out of empty space
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class TorchEngine(RadianceEngine):
         origins, directions = batch.origins[used], batch.directions[used]
         target, weights = batch.colours[used], batch.weights[used]
         jitter = torch.rand(len(used), generator=self._generator)
-        samples = self._evaluate(origins, directions, jitter)
+        samples = self._evaluate(origins, directions, jitter, EXPLORING_SHARE)
         rendered = samples.composite(len(used))
         error = self._over_background(rendered.colour, rendered.opacity) - target
         squared = error.square().mean(-1)
@@ -178,9 +179,16 @@ class TorchEngine(RadianceEngine):
         # memory stays bounded whatever the occupancy
         return max(1, 2**20 // self.march_config.steps)
 
-    def _evaluate(self, origins: Tensor, directions: Tensor, jitter: Tensor) -> FieldSamples:
-        occupied = self._occupancy.occupied
-        return evaluate_rays(self.field, self.space, self.march_config, occupied, origins, directions, jitter)
+    def _evaluate(
+        self, origins: Tensor, directions: Tensor, jitter: Tensor, exploring_share: float = 0.0
+    ) -> FieldSamples:
+        march, occupied = self.march_config, self._occupancy.occupied
+        least = None
+        if self.space.unbounded and self._occupancy.is_warm:
+            least = torch.full((len(origins),), march.least_opacity)
+            if exploring_share > 0:
+                least[torch.rand(len(origins), generator=self._generator) < exploring_share] = 0.0
+        return evaluate_rays(self.field, self.space, march, occupied, origins, directions, jitter, least)
 
     def _over_background(self, colour: Tensor, opacity: Tensor) -> Tensor:
         return colour + (1 - opacity)[:, None] if self.white_background else colour

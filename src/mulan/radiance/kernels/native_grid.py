@@ -74,6 +74,7 @@ class NativeGrid:
         if self.refreshes >= config.warm_up_refreshes:
             threshold = min(self._march.occupancy_threshold, float(self.opacity.mean()))
             torch.gt(self.opacity, threshold, out=self.occupied)
+            self.native.least_opacity = self._march.least_opacity
             self._pack()
 
     def restore(self, opacity: Tensor, occupied: Tensor, refreshes: int) -> None:
@@ -81,6 +82,8 @@ class NativeGrid:
         self.opacity.copy_(opacity)
         self.occupied.copy_(occupied)
         self.refreshes = refreshes
+        if refreshes >= self._config.warm_up_refreshes:
+            self.native.least_opacity = self._march.least_opacity
         self._pack()
 
     def _pack(self) -> None:

@@ -3,7 +3,7 @@
 import ctypes
 from ctypes import c_double, c_float, c_int32, c_int64, c_uint64, c_void_p
 
-ABI_VERSION = 1
+ABI_VERSION = 2
 MAX_LEVELS = 32
 
 
@@ -50,7 +50,12 @@ class NativeParameters(ctypes.Structure):
 class NativeOccupancy(ctypes.Structure):
     """MulanOccupancy: one bit a cell, and the bounds of the occupied cells."""
 
-    _fields_ = (("words", c_void_p), ("lower", c_float * 3), ("upper", c_float * 3))
+    _fields_ = (
+        ("words", c_void_p),
+        ("lower", c_float * 3),
+        ("upper", c_float * 3),
+        ("least_opacity", c_float),
+    )
 
 
 class NativeRays(ctypes.Structure):

@@ -16,7 +16,7 @@
 extern "C" {
 #endif
 
-#define MULAN_ABI_VERSION 1
+#define MULAN_ABI_VERSION 2
 #define MULAN_MAX_LEVELS 32
 
 enum MulanStatus { MULAN_OK = 0, MULAN_BAD_ARGUMENT = 1, MULAN_OUT_OF_MEMORY = 2 };
@@ -51,6 +51,7 @@ typedef struct {
 typedef struct {
     const uint64_t* words;
     float lower[3], upper[3];  // bounds of the occupied cells in the unit cube
+    float least_opacity;       // samples of an unbounded ray thinner than this count as empty
 } MulanOccupancy;
 
 typedef struct {
@@ -110,7 +111,7 @@ MULAN_API const char* mulan_instruction_set(void);
 // Uses another of the library's builds, for tests; fails if the processor cannot run it.
 MULAN_API int32_t mulan_use_instruction_set(const char* name);
 
-MULAN_API MulanWorkspace* mulan_workspace_create(int32_t threads);  // 0: as many as OpenMP would use
+MULAN_API MulanWorkspace* mulan_workspace_create(int32_t threads);  // 0: one a core
 MULAN_API void mulan_workspace_destroy(MulanWorkspace*);
 MULAN_API int64_t mulan_workspace_bytes(const MulanWorkspace*);
 MULAN_API int64_t mulan_network_parameters(const MulanField*);

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <initializer_list>
 #include <new>
+#include <thread>
 
 #include "kernels.h"
 
@@ -53,9 +54,11 @@ int32_t mulan_use_instruction_set(const char* name) {
 }
 
 MulanWorkspace* mulan_workspace_create(int32_t threads) {
-    MulanWorkspace* w = new (std::nothrow) MulanWorkspace;
-    if (w) w->threads = threads > 0 ? threads : mulan::default_threads();
-    return w;
+    try {
+        return new MulanWorkspace(threads > 0 ? threads : (int)std::thread::hardware_concurrency());
+    } catch (...) {
+        return nullptr;  // no memory, or no more threads
+    }
 }
 void mulan_workspace_destroy(MulanWorkspace* w) { delete w; }
 int64_t mulan_workspace_bytes(const MulanWorkspace* w) {

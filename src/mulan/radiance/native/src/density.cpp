@@ -18,22 +18,18 @@ int32_t density(MulanWorkspace* w, const MulanField* field, const MulanParameter
     const Tiles tiles = prepare_tiles(*w, networks, tile_samples);
     const MulanScene scene{};
     const Evaluation e{*field, scene, p->table, networks};
-#pragma omp parallel num_threads(w->threads)
-    {
-        FlushDenormals flush;
-        Tile t = tiles.of_thread();
-#pragma omp for schedule(dynamic, 4)
-        for (int64_t first = 0; first < n; first += tile_samples) {
-            const int count = (int)smaller<int64_t>(tile_samples, n - first);
-            for (int k = 0; k < count; ++k) {
-                t.x[k] = unit_points[3 * (first + k)];
-                t.y[k] = unit_points[3 * (first + k) + 1];
-                t.z[k] = unit_points[3 * (first + k) + 2];
-            }
-            evaluate(e, t, count);
-            __builtin_memcpy(density + first, t.depth, sizeof(float) * (size_t)count);
+    parallel_for(*w, (n + tile_samples - 1) / tile_samples, [&](int64_t part, int thread) {
+        Tile t = tiles.of(thread);
+        const int64_t first = part * tile_samples;
+        const int count = (int)smaller<int64_t>(tile_samples, n - first);
+        for (int k = 0; k < count; ++k) {
+            t.x[k] = unit_points[3 * (first + k)];
+            t.y[k] = unit_points[3 * (first + k) + 1];
+            t.z[k] = unit_points[3 * (first + k) + 2];
         }
-    }
+        evaluate(e, t, count);
+        __builtin_memcpy(density + first, t.depth, sizeof(float) * (size_t)count);
+    });
     return MULAN_OK;
 }
 
@@ -48,44 +44,40 @@ int32_t occupancy_refresh(MulanWorkspace* w, const MulanField* field, const Mula
     const int side = scene->occupancy_resolution;
     const uint32_t every = (uint32_t)stride, occupied_every = (uint32_t)occupied_stride;
     const uint32_t cell_phase = (uint32_t)phase % every, occupied_phase = (uint32_t)phase % occupied_every;
-#pragma omp parallel num_threads(w->threads)
-    {
-        FlushDenormals flush;
-        Tile t = tiles.of_thread();
-        // every slab is one thread's, and its cells do not depend on each other
-#pragma omp for schedule(dynamic, 1)
-        for (int z = 0; z < side; ++z) {
-            int n = 0;
-            auto finish = [&] {
-                evaluate(e, t, n);
-                for (int k = 0; k < n; ++k) {
-                    const float unit[3] = {t.x[k], t.y[k], t.z[k]};
-                    float world[3], square = 0;
-                    to_world(*scene, unit, world);
-                    for (int a = 0; a < 3; ++a)
-                        square += (world[a] - scene->centre_m[a]) * (world[a] - scene->centre_m[a]);
-                    const float step = march.step_m(__builtin_sqrtf(square)) / scene->radius_m;
-                    float& value = opacity[t.ray_id[k]];
-                    value = larger(value * decay, t.depth[k] * step);
-                }
-                n = 0;
-            };
-            for (int y = 0; y < side; ++y)
-                for (int x = 0; x < side; ++x) {
-                    const uint32_t cell = (uint32_t)(x + side * (y + side * z));
-                    const bool visited = cell % every == cell_phase ||
-                                         (occupied[cell] && cell % occupied_every == occupied_phase);
-                    if (!visited) continue;
-                    const float inverse = 1.0f / (float)side;
-                    t.x[n] = ((float)x + uniform(seed, cell, 1)) * inverse;
-                    t.y[n] = ((float)y + uniform(seed, cell, 2)) * inverse;
-                    t.z[n] = ((float)z + uniform(seed, cell, 3)) * inverse;
-                    t.ray_id[n] = cell;
-                    if (++n == tile_samples) finish();
-                }
-            finish();
-        }
-    }
+    // every slab is one thread's, and its cells do not depend on each other
+    parallel_for(*w, side, [&](int64_t slab, int thread) {
+        Tile t = tiles.of(thread);
+        const int z = (int)slab;
+        int n = 0;
+        auto finish = [&] {
+            evaluate(e, t, n);
+            for (int k = 0; k < n; ++k) {
+                const float unit[3] = {t.x[k], t.y[k], t.z[k]};
+                float world[3], square = 0;
+                to_world(*scene, unit, world);
+                for (int a = 0; a < 3; ++a)
+                    square += (world[a] - scene->centre_m[a]) * (world[a] - scene->centre_m[a]);
+                const float step = march.step_m(__builtin_sqrtf(square)) / scene->radius_m;
+                float& value = opacity[t.ray_id[k]];
+                value = larger(value * decay, t.depth[k] * step);
+            }
+            n = 0;
+        };
+        for (int y = 0; y < side; ++y)
+            for (int x = 0; x < side; ++x) {
+                const uint32_t cell = (uint32_t)(x + side * (y + side * z));
+                const bool visited = cell % every == cell_phase ||
+                                     (occupied[cell] && cell % occupied_every == occupied_phase);
+                if (!visited) continue;
+                const float inverse = 1.0f / (float)side;
+                t.x[n] = ((float)x + uniform(seed, cell, 1)) * inverse;
+                t.y[n] = ((float)y + uniform(seed, cell, 2)) * inverse;
+                t.z[n] = ((float)z + uniform(seed, cell, 3)) * inverse;
+                t.ray_id[n] = cell;
+                if (++n == tile_samples) finish();
+            }
+        finish();
+    });
     return MULAN_OK;
 }
 

@@ -90,7 +90,7 @@ int32_t harmonics_backward(int32_t degree, int64_t n, const float* directions, c
 
 int32_t march(const MulanScene* scene, const MulanOccupancy* occupancy, const MulanRays* rays, int32_t capacity,
               int32_t* count, float* t_m, float* dt_m) {
-    MulanWorkspace w;
+    MulanWorkspace w(1);
     const March march(*scene, *occupancy, prepare_march_table(w, *scene));
     float* t = (float*)w.ray_samples.reserve((size_t)scene->steps * 4);
     for (int64_t i = 0; i < rays->count; ++i) {
@@ -108,7 +108,7 @@ int32_t march(const MulanScene* scene, const MulanOccupancy* occupancy, const Mu
 int32_t networks(MulanWorkspace* w, const MulanField* field, const float* parameters, int64_t n,
                  const float* encoded, const float* directions, float* log_density, float* colour, float* variance) {
     const Networks net = prepare_networks(*w, *field, parameters);
-    Tile t = prepare_tiles(*w, net, tile_samples).of_thread();
+    Tile t = prepare_tiles(*w, net, tile_samples).of(0);
     const MulanScene scene{};
     const Evaluation e{*field, scene, nullptr, net};
     in_tiles(n, [&](int64_t first, int count) {
@@ -125,7 +125,7 @@ int32_t networks_backward(MulanWorkspace* w, const MulanField* field, const floa
                           const float* colour_gradient, const float* variance_gradient, float* network_gradient,
                           float* encoded_gradient, float* direction_gradient) {
     Networks net = prepare_networks(*w, *field, parameters);
-    Tile t = prepare_tiles(*w, net, tile_samples).of_thread();
+    Tile t = prepare_tiles(*w, net, tile_samples).of(0);
     const MulanScene scene{};
     const Evaluation e{*field, scene, nullptr, net};
     const int width = 2 * field->levels;
@@ -176,7 +176,7 @@ int blend_packed(const MulanScene& scene, const float* density, const float* dt_
 int32_t composite(const MulanScene* scene, int64_t rays, const int64_t* offsets, const float* density,
                   const float* dt_m, const float* t_m, const float* colour, const float* variance, float* blend,
                   const MulanRendering* out) {
-    MulanWorkspace w;
+    MulanWorkspace w(1);
     for (int64_t ray = 0; ray < rays; ++ray) {
         const int64_t at = offsets[ray];
         const int n = (int)(offsets[ray + 1] - at);
@@ -205,7 +205,7 @@ int32_t composite(const MulanScene* scene, int64_t rays, const int64_t* offsets,
 int32_t composite_backward(const MulanScene* scene, int64_t rays, const int64_t* offsets, const float* density,
                            const float* dt_m, const float* colour, const float* ray_colour_gradient,
                            float* density_gradient, float* colour_gradient) {
-    MulanWorkspace w;
+    MulanWorkspace w(1);
     for (int64_t ray = 0; ray < rays; ++ray) {
         const int64_t at = offsets[ray];
         const int n = (int)(offsets[ray + 1] - at);

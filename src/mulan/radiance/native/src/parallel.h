@@ -1,17 +1,19 @@
-// What parallel loops need to know of their thread.
+// Loops over independent iterations, shared among a workspace's threads.
 #pragma once
-#ifdef _OPENMP
-#include <omp.h>
-#endif
+#include "simd.h"
+#include "workspace.h"
 
 namespace mulan::MULAN_ISA {
 
-inline int thread_number() {
-#ifdef _OPENMP
-    return omp_get_thread_num();
-#else
-    return 0;
-#endif
+// Calls body(i, thread) for every i below `iterations`; which thread takes which, and in what order, is open.
+template <class Body> void parallel_for(MulanWorkspace& w, int64_t iterations, const Body& body) {
+    w.pool.run(
+        iterations,
+        [](const void* b, ThreadPool& pool, int thread) {
+            FlushDenormals flush;
+            for (int64_t i = pool.claim(); i >= 0; i = pool.claim()) (*(const Body*)b)(i, thread);
+        },
+        &body);
 }
 
 }  // namespace mulan::MULAN_ISA

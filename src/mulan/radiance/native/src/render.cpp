@@ -42,6 +42,7 @@ int advance(const Evaluation& e, const March& march, const MulanRays& rays, int6
         n += t.count[slot];
     }
     evaluate_density(e, t, n);
+    if (e.scene.unbounded) empty_thin_samples(t, n, march.occupancy.least_opacity);
     n = drop_unreached(e, t, alive);
     evaluate_directions(e, t, alive);
     evaluate_colour(e, t, n);
@@ -64,39 +65,34 @@ int32_t render(MulanWorkspace* w, const MulanField* field, const MulanScene* sce
     const March march(*scene, *occupancy, prepare_march_table(*w, *scene));
     const Evaluation e{*field, *scene, p->table, networks};
     const int64_t blocks = (rays->count + block_rays - 1) / block_rays;
-#pragma omp parallel num_threads(w->threads)
-    {
-        FlushDenormals flush;
-        Tile tile = tiles.of_thread();
+    parallel_for(*w, blocks, [&](int64_t block, int thread) {
+        Tile tile = tiles.of(thread);
         Block b;
         float transmittance[block_rays];
-#pragma omp for schedule(dynamic, 4)
-        for (int64_t block = 0; block < blocks; ++block) {
-            const int64_t first = block * block_rays;
-            const int count = (int)smaller<int64_t>(block_rays, rays->count - first);
-            for (int i = 0; i < count; ++i) {
-                const int64_t ray = first + i;
-                b.march[i] = RayMarch(march, rays->origins + 3 * ray, rays->directions + 3 * ray,
-                                      ray_jitter(*rays, ray));
-                b.sums[i] = Sums{};
-                b.alive[i] = i;
-                transmittance[i] = 1;
-            }
-            for (int alive = count; alive > 0;)
-                alive = advance(e, march, *rays, first, b, tile, alive, transmittance);
-            for (int i = 0; i < count; ++i) {
-                const int64_t ray = first + i;
-                const Sums& s = b.sums[i];
-                for (int c = 0; c < 3; ++c) {
-                    const float value = s.colour[c] + (1 - s.opacity) * scene->background[c];
-                    out->colour[3 * ray + c] = smaller(larger(value, 0.0f), 1.0f);
-                }
-                out->depth_m[ray] = s.moment / larger(s.opacity, 1e-10f);
-                out->opacity[ray] = s.opacity;
-                out->variance[ray] = s.variance;
-            }
+        const int64_t first = block * block_rays;
+        const int count = (int)smaller<int64_t>(block_rays, rays->count - first);
+        for (int i = 0; i < count; ++i) {
+            const int64_t ray = first + i;
+            b.march[i] = RayMarch(march, rays->origins + 3 * ray, rays->directions + 3 * ray,
+                                  ray_jitter(*rays, ray));
+            b.sums[i] = Sums{};
+            b.alive[i] = i;
+            transmittance[i] = 1;
         }
-    }
+        for (int alive = count; alive > 0;)
+            alive = advance(e, march, *rays, first, b, tile, alive, transmittance);
+        for (int i = 0; i < count; ++i) {
+            const int64_t ray = first + i;
+            const Sums& s = b.sums[i];
+            for (int c = 0; c < 3; ++c) {
+                const float value = s.colour[c] + (1 - s.opacity) * scene->background[c];
+                out->colour[3 * ray + c] = smaller(larger(value, 0.0f), 1.0f);
+            }
+            out->depth_m[ray] = s.moment / larger(s.opacity, 1e-10f);
+            out->opacity[ray] = s.opacity;
+            out->variance[ray] = s.variance;
+        }
+    });
     return MULAN_OK;
 }
 
@@ -107,34 +103,30 @@ int32_t sample(MulanWorkspace* w, const MulanField* field, const MulanScene* sce
     const Tiles tiles = prepare_tiles(*w, networks, larger(tile_samples, scene->steps));
     const March march(*scene, *occupancy, prepare_march_table(*w, *scene));
     const Evaluation e{*field, *scene, p->table, networks};
-#pragma omp parallel num_threads(w->threads)
-    {
-        FlushDenormals flush;
-        Tile t = tiles.of_thread();
-#pragma omp for schedule(dynamic, 16)
-        for (int64_t ray = 0; ray < rays->count; ++ray) {
-            const float *o = rays->origins + 3 * ray, *d = rays->directions + 3 * ray;
-            RayMarch walk(march, o, d, ray_jitter(*rays, ray));
-            // no more than the caller made room for, whatever the arguments
-            const int room = (int)smaller<int64_t>(scene->steps, offsets[ray + 1] - offsets[ray]);
-            t.first[0] = 0;
-            t.count[0] = walk.collect(march, t.t, larger(room, 0));
-            t.transmittance[0] = 1;
-            place_samples(e, march, t, 0, 0, t.count[0], o, d);
-            evaluate_direction(e, t, 0, d);
-            evaluate_density(e, t, t.count[0]);
-            const int n = drop_unreached(e, t, 1);
-            evaluate_directions(e, t, 1);
-            evaluate_colour(e, t, n);
-            evaluate_variance(e, t, n);
-            kept[ray] = n;
-            const int64_t at = offsets[ray];
-            __builtin_memcpy(blend + at, t.blend, sizeof(float) * (size_t)n);
-            __builtin_memcpy(colour + 3 * at, t.colour, sizeof(float) * (size_t)(3 * n));
-            __builtin_memcpy(variance + at, t.variance, sizeof(float) * (size_t)n);
-            __builtin_memcpy(distance_m + at, t.t, sizeof(float) * (size_t)n);
-        }
-    }
+    parallel_for(*w, rays->count, [&](int64_t ray, int thread) {
+        Tile t = tiles.of(thread);
+        const float *o = rays->origins + 3 * ray, *d = rays->directions + 3 * ray;
+        RayMarch walk(march, o, d, ray_jitter(*rays, ray));
+        // no more than the caller made room for, whatever the arguments
+        const int room = (int)smaller<int64_t>(scene->steps, offsets[ray + 1] - offsets[ray]);
+        t.first[0] = 0;
+        t.count[0] = walk.collect(march, t.t, larger(room, 0));
+        t.transmittance[0] = 1;
+        place_samples(e, march, t, 0, 0, t.count[0], o, d);
+        evaluate_direction(e, t, 0, d);
+        evaluate_density(e, t, t.count[0]);
+        if (scene->unbounded) empty_thin_samples(t, t.count[0], occupancy->least_opacity);
+        const int n = drop_unreached(e, t, 1);
+        evaluate_directions(e, t, 1);
+        evaluate_colour(e, t, n);
+        evaluate_variance(e, t, n);
+        kept[ray] = n;
+        const int64_t at = offsets[ray];
+        __builtin_memcpy(blend + at, t.blend, sizeof(float) * (size_t)n);
+        __builtin_memcpy(colour + 3 * at, t.colour, sizeof(float) * (size_t)(3 * n));
+        __builtin_memcpy(variance + at, t.variance, sizeof(float) * (size_t)n);
+        __builtin_memcpy(distance_m + at, t.t, sizeof(float) * (size_t)n);
+    });
     return MULAN_OK;
 }
 

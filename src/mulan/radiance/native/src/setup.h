@@ -16,15 +16,15 @@ inline Networks prepare_networks(MulanWorkspace& w, const MulanField& field, con
     return n;
 }
 
-// One tile for each thread; tile i is carve_tile at base + i * bytes.
+// One tile a thread.
 struct Tiles {
     char* base;
     int64_t bytes;
     const Networks* networks;
     int capacity;
 
-    Tile of_thread() const {
-        Arena arena{base + thread_number() * bytes, 0};
+    Tile of(int thread) const {
+        Arena arena{base + thread * bytes, 0};
         return carve_tile(*networks, capacity, arena);
     }
 };
@@ -34,7 +34,7 @@ inline Tiles prepare_tiles(MulanWorkspace& w, const Networks& n, int capacity) {
     carve_tile(n, capacity, size);
     // an odd number of cache lines more, lest all threads' rows fall on the same cache sets
     const int64_t bytes = size.used + 4096 + 64 * 5;
-    return {(char*)w.tiles.reserve((size_t)(bytes * w.threads)), bytes, &n, capacity};
+    return {(char*)w.tiles.reserve((size_t)(bytes * w.pool.threads())), bytes, &n, capacity};
 }
 
 inline const float* prepare_march_table(MulanWorkspace& w, const MulanScene& scene) {

@@ -4,11 +4,13 @@
 // order (within a tile, over groups of tiles, over the tiles of a level), and no two threads add to one number.
 #include "adam.h"
 #include "loss.h"
+#include "reach.h"
 #include "setup.h"
 
 namespace mulan::MULAN_ISA {
 namespace {
 
+constexpr int rays_at_once = 64;         // marched by one thread before it looks for more
 constexpr int gradient_groups = 32;      // networks' gradients summed apart, then together
 constexpr int64_t wave_samples = 1 << 20;  // bounds memory: rays beyond it wait for the next wave
 
@@ -51,18 +53,16 @@ struct Learn {
 
     void find_samples(int64_t first, int count) {
         const int steps = scene.steps;
-#pragma omp parallel num_threads(w.threads)
-        {
-            FlushDenormals flush;
-#pragma omp for schedule(dynamic, 64)
-            for (int i = 0; i < count; ++i) {
+        parallel_for(w, (count + rays_at_once - 1) / rays_at_once, [&](int64_t chunk, int) {
+            const int begin = (int)chunk * rays_at_once, end = smaller(begin + rays_at_once, count);
+            for (int i = begin; i < end; ++i) {
                 const int64_t ray = first + i;
                 counts[i] = 0;
                 if (ignored(ray)) continue;
                 RayMarch walk(march, rays.origins + 3 * ray, rays.directions + 3 * ray, ray_jitter(rays, ray));
                 counts[i] = walk.collect(march, t + (int64_t)i * steps, steps);
             }
-        }
+        });
     }
 
     // Consecutive rays with samples, until a tile is full.
@@ -209,6 +209,8 @@ struct Learn {
     // One wave of rays: their loss, and the networks' part of the gradient.
     void learn_wave(int64_t first, int count, float* network_gradient, MulanStepReport& report) {
         find_samples(first, count);
+        if (scene.unbounded)
+            forget_unreached({{field, scene, table, networks}, march, rays, w, tiles, first, t, counts}, count);
         cut_tiles(count);
         const int groups = smaller(gradient_groups, tile_count);
         if (parameters_wanted) {
@@ -220,19 +222,13 @@ struct Learn {
             padded_gradients =
                 (float*)w.group_gradients.reserve((size_t)(gradient_groups * networks.gradient_length) * 4);
         }
-#pragma omp parallel num_threads(w.threads)
-        {
-            FlushDenormals flush;
-            Tile tile = tiles.of_thread();
-#pragma omp for schedule(dynamic, 1)
-            for (int group = 0; group < groups; ++group) {
-                float* padded = parameters_wanted ? padded_gradients + group * networks.gradient_length : nullptr;
-                if (padded) __builtin_memset(padded, 0, (size_t)networks.gradient_length * 4);
-                const int begin = (int)((int64_t)tile_count * group / groups);
-                const int end = (int)((int64_t)tile_count * (group + 1) / groups);
-                for (int i = begin; i < end; ++i) process(ranges[i], first, tile, padded);
-            }
-        }
+        parallel_for(w, groups, [&](int64_t group, int thread) {
+            Tile tile = tiles.of(thread);
+            float* padded = parameters_wanted ? padded_gradients + group * networks.gradient_length : nullptr;
+            if (padded) __builtin_memset(padded, 0, (size_t)networks.gradient_length * 4);
+            const int begin = (int)(tile_count * group / groups), end = (int)(tile_count * (group + 1) / groups);
+            for (int i = begin; i < end; ++i) process(ranges[i], first, tile, padded);
+        });
         for (int i = 0; i < tile_count; ++i) {
             report.loss += ranges[i].loss;
             report.squared_error += ranges[i].squared_error;
@@ -266,26 +262,21 @@ struct Learn {
     // Adds the wave to the table's gradient and, after the last wave, moves the table. Levels are independent.
     void learn_table(float* gradient, bool fresh, float* value, const MulanAdam* adam_state) {
         const int64_t size = (int64_t)2 << field.log2_table_size;
-#pragma omp parallel num_threads(w.threads)
-        {
-            FlushDenormals flush;
-#pragma omp for schedule(dynamic, 1)
-            for (int i = 0; i < field.levels; ++i) {
-                const int level = field.levels - 1 - i;  // the slow, hashed ones first
-                float* g = gradient + level * size;
-                if (fresh) __builtin_memset(g, 0, (size_t)size * 4);
-                if (field.level_weight[level] != 0.0f)
-                    for (int k = 0; k < tile_count; ++k) {
-                        const int64_t at = ranges[k].scatter_at;
-                        scatter_level(field, level, {sx + at, sy + at, sz + at},
-                                      scatter + 2 * (level * scatter_capacity + at), 2, ranges[k].kept, g);
-                    }
-                if (!adam_state || field.level_weight[level] == 0.0f) continue;
-                const MulanAdam& a = *adam_state;
-                adam(AdamStep(a.table_rate, a.beta1, a.beta2, a.epsilon, a.step, a.skip_untouched), size,
-                     value + level * size, a.table_mean + level * size, a.table_square + level * size, g);
+        parallel_for(w, field.levels, [&](int64_t i, int) {
+            const int level = field.levels - 1 - (int)i;  // the slow, hashed ones first
+            float* g = gradient + level * size;
+            if (fresh) __builtin_memset(g, 0, (size_t)size * 4);
+            if (field.level_weight[level] == 0.0f) return;
+            for (int k = 0; k < tile_count; ++k) {
+                const int64_t at = ranges[k].scatter_at;
+                scatter_level(field, level, {sx + at, sy + at, sz + at},
+                              scatter + 2 * (level * scatter_capacity + at), 2, ranges[k].kept, g);
             }
-        }
+            if (!adam_state) return;
+            const MulanAdam& a = *adam_state;
+            adam(AdamStep(a.table_rate, a.beta1, a.beta2, a.epsilon, a.step, a.skip_untouched), size,
+                 value + level * size, a.table_mean + level * size, a.table_square + level * size, g);
+        });
     }
 };
 

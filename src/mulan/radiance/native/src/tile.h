@@ -90,6 +90,15 @@ inline void evaluate_density(const Evaluation& e, Tile& t, int n) {
     }
 }
 
+// Samples thinner than a bound let all light pass, as they do while learning.
+inline void empty_thin_samples(Tile& t, int n, float least_opacity) {
+    for (int k = 0; k < n; ++k)
+        if (t.alpha[k] < least_opacity) {
+            t.alpha[k] = 0;
+            t.passed[k] = 1;
+        }
+}
+
 inline void copy_row(float* rows, int width, int to, int from) {
     for (int i = 0; i < width; i += lanes)
         store(rows + (int64_t)to * width + i, load(rows + (int64_t)from * width + i));
@@ -132,6 +141,7 @@ inline void evaluate_directions(const Evaluation& e, Tile& t, int rays) {
 // Colours of n samples; t.ray tells each one's direction.
 inline void evaluate_colour(const Evaluation& e, Tile& t, int n) {
     const Networks& net = e.networks;
+    for (int k = n; k < n + row_padding; ++k) t.ray[k] = 0;  // rows computed along must find a direction too
     forward(net.colour_geometry, t.geometry, n, t.colour_a,
             RectifiedAfterAdding{t.direction_term, net.width, t.ray});
     forward(net.colour_hidden, t.colour_a, n, t.colour_b, Rectified{});

@@ -4,10 +4,6 @@
 #include <cstring>
 #include <new>
 
-#ifdef _OPENMP
-#include <omp.h>
-#endif
-
 namespace mulan {
 
 Buffer::~Buffer() { std::free(memory_); }
@@ -25,12 +21,6 @@ void* Buffer::reserve(size_t bytes) {
 
 size_t Buffer::bytes() const { return bytes_; }
 
-int default_threads() {
-#ifdef _OPENMP
-    return omp_get_max_threads();
-#else
-    return 1;
-#endif
-}
-
 }  // namespace mulan
+
+MulanWorkspace::MulanWorkspace(int threads) : pool(threads) {}

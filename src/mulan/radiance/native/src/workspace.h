@@ -4,6 +4,7 @@
 #include <stddef.h>
 
 #include "../include/mulan_native.h"
+#include "thread_pool.h"
 
 namespace mulan {
 
@@ -23,12 +24,12 @@ class Buffer {
     size_t bytes_ = 0;
 };
 
-int default_threads();
-
 }  // namespace mulan
 
 struct MulanWorkspace {
-    int threads = 1;
+    explicit MulanWorkspace(int threads);
+
+    mulan::ThreadPool pool;
     mulan::Buffer packed_networks, tiles, march_table, ray_samples, ray_lists, tile_lists;
     mulan::Buffer group_gradients, network_gradient, scatter_points, scatter_gradients, table_gradient;
 };

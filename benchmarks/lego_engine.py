@@ -1,6 +1,6 @@
 """Quality and speed of the native engine on NeRF-synthetic lego; not a test.
 
-python tests/native/benchmark_lego.py --side 100 --seconds 60
+python benchmarks/lego_engine.py --side 100 --seconds 60
 """
 
 import json
@@ -24,7 +24,7 @@ from mulan.radiance.native_engine import NativeConfig, NativeEngine
 from mulan.radiance.space import SceneSpace
 from mulan.radiance.torch_engine import OptimiserConfig
 
-DATA = Path(os.environ.get("MULAN_DATA", Path(__file__).parents[3] / "shared" / "data"))
+DATA = Path(os.environ.get("MULAN_DATA", Path(__file__).parents[2] / "shared" / "data"))
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Options:
     seed: int = 0
     threads: int = 0
     shared_machine: bool = False
-    """For a busy machine: run on one thread and count its CPU time, that of the step halved, as on two cores."""
+    """For a busy machine: one thread; count its CPU time, that of the step halved as if on two cores."""
 
 
 def test_psnr(engine: NativeEngine, views: Views) -> float:
