@@ -1,11 +1,13 @@
 import re
 from html.parser import HTMLParser
+from pathlib import Path
 
 import pytest
 
 from mulan.errors import InputError
 from mulan.mission.run_folder import RunFolder, read_json, write_json
 from mulan.report.page import write_report
+from mulan.report.run_contents import read_run
 
 from .synthetic_run import evaluation_run, full_run, write_localization, write_training
 
@@ -165,3 +167,9 @@ def test_a_browser_draws_all_charts_without_a_complaint(tmp_path, browse, make):
     complaints = [line for line in console.splitlines() if re.search(r":(ERROR|WARNING):CONSOLE", line)]
     assert complaints == []
     assert not re.search(r"Error|Refused|violates", console)
+
+
+def test_commands_for_an_evaluation_name_the_setup_that_holds_the_field(tmp_path: Path):
+    contents = read_run(evaluation_run(tmp_path))
+    assert contents.command("plan").endswith("/uncertainty")
+    assert not contents.command("report").endswith("/uncertainty")

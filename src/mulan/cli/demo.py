@@ -1,7 +1,7 @@
 """``mulan demo``: three simulated robots reconstruct a room, from radio to report."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import tyro
@@ -75,7 +75,7 @@ def main(arguments: Sequence[str]) -> int:
     with progress_stages() as stage:
         metrics = compare_setups(mission, run, config, LocalizationConfig(), BearingConfig(), stage)
     plan(RunFolder(run.root / "uncertainty"), PlanConfig())
-    run.record_config("demo", {"arguments": list(arguments)})
+    run.record_config("demo", asdict(options))
     page = write_report(run)
     console.print()
     print_setups(metrics)

@@ -1,7 +1,7 @@
 """``mulan evaluate``: the experiments behind the published numbers."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -121,7 +121,7 @@ def main(arguments: Sequence[str]) -> int:
     options = tyro.cli(TwoRobotOptions, args=rest, prog="mulan evaluate two-robot")
     two_robot(options)
     run = RunFolder(options.out)
-    run.record_config("evaluate two-robot", {"arguments": rest})
+    run.record_config("evaluate two-robot", asdict(options))
     page = write_report(run)
     console.print(f"Metrics: [bold]{run.metrics}[/], report: [bold]{page.resolve()}[/]")
     return 0

@@ -1,7 +1,7 @@
 """``mulan localize``: a bag's odometry and radio into poses with covariance."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -74,7 +74,7 @@ def main(arguments: Sequence[str]) -> int:
     options = tyro.cli(Options, args=arguments, prog="mulan localize")
     run = RunFolder(options.out)
     localize_bag(options.bag, run, options)
-    run.record_config("localize", {"bag": str(options.bag), "arguments": list(arguments)})
+    run.record_config("localize", asdict(options))
     console.print(f"Poses: [bold]{run.poses}[/], posed images: [bold]{run.transforms}[/]")
     console.print(f"Next: [cyan]mulan train {options.out}[/]")
     return 0

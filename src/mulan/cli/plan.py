@@ -1,7 +1,7 @@
 """``mulan plan``: where each robot should look next."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -58,7 +58,7 @@ def main(arguments: Sequence[str]) -> int:
     options = tyro.cli(Options, args=arguments, prog="mulan plan")
     run = RunFolder(options.run)
     plan(run, options.config())
-    run.record_config("plan", {"arguments": list(arguments)})
+    run.record_config("plan", asdict(options))
     console.print(f"Plan: [bold]{run.plan}[/], picture: [bold]{run.plan.with_suffix('.png')}[/]")
     console.print(f"Next: [cyan]mulan report {options.run}[/]")
     return 0

@@ -1,7 +1,7 @@
 """``mulan run``: localize, train, plan and report on one bag."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -59,7 +59,7 @@ def run_bag(options: Options) -> Path:
 def main(arguments: Sequence[str]) -> int:
     """Run the loop."""
     options = tyro.cli(Options, args=arguments, prog="mulan run")
-    RunFolder(options.out).record_config("run", {"bag": str(options.bag), "arguments": list(arguments)})
+    RunFolder(options.out).record_config("run", asdict(options))
     page = run_bag(options)
     console.print(f"Report: [bold]{page.resolve()}[/]")
     console.print(f"Next: [cyan]mulan render {options.out}[/]")

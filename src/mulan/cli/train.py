@@ -1,7 +1,7 @@
 """``mulan train``: learn the radiance field from a run or from any posed image set."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -82,7 +82,7 @@ def main(arguments: Sequence[str]) -> int:
     options = tyro.cli(Options, args=arguments, prog="mulan train")
     run = RunFolder(options.run)
     train_run(run, images_of(options), weighting_named(options.weighting), options.config)
-    run.record_config("train", {"arguments": list(arguments)})
+    run.record_config("train", asdict(options))
     console.print(f"Field: [bold]{run.field}[/]")
     console.print(f"Next: [cyan]mulan plan {options.run}[/]")
     return 0

@@ -126,7 +126,7 @@ class RunFolder:
         return self.root / "report.html"
 
     def record_config(self, command: str, options: dict[str, Any]) -> None:
-        """Add one command's options to the run's record."""
+        """Add one command's options to the run's record; values JSON lacks are written as text."""
         record = read_json(self.config, f"mulan {command}") if self.config.exists() else {}
-        record[command] = options
+        record[command] = json.loads(json.dumps(options, default=str))
         write_json(self.config, record)

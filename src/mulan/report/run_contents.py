@@ -58,8 +58,14 @@ class RunContents:
         return self.metrics or {}
 
     def command(self, name: str) -> str:
-        """A command line that works on this run, ready to paste."""
-        return f"mulan {name} {shlex.quote(str(self.run.root))}"
+        """A command line that works on this run, ready to paste.
+
+        An evaluation's fields lie in its setups; planning and rendering take the one shown at the top.
+        """
+        root = self.run.root
+        if name in ("plan", "render") and self.headline_setup is not None:
+            root = root / self.headline_setup
+        return f"mulan {name} {shlex.quote(str(root))}"
 
 
 def setup_title(name: str) -> str:
