@@ -61,7 +61,7 @@ def test_render_writes_pictures_and_an_animation(finished_run: Path, tmp_path: P
 
 
 def test_plan_and_report_work_on_a_finished_run(finished_run: Path):
-    assert run_command(["plan", str(finished_run), "--candidates.distance-m", "0.3"]) == 0
+    assert run_command(["plan", str(finished_run), "--columns", "6", "--candidates.distance-m", "0.3"]) == 0
     assert run_command(["report", str(finished_run)]) == 0
     assert "<html" in (finished_run / "report.html").read_text()[:200]
 

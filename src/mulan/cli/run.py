@@ -32,6 +32,8 @@ class Options:
     """Trust in each pixel: equal, the paper's formula as printed, or what its pose covariance deserves."""
     hold_out_every: int = 8
     """Every n-th photograph becomes a test view where the bag names none; 0 holds out none."""
+    plan_columns: int = 32
+    """Rays across a candidate view's image when planning."""
     graph: LocalizationConfig = field(default_factory=LocalizationConfig)
     """Factor graph."""
     bearings: BearingConfig = field(default_factory=BearingConfig)
@@ -52,7 +54,7 @@ def run_bag(options: Options) -> Path:
     )
     images = read_transforms(run.transforms)
     train_command.train_run(run, images, train_command.weighting_named(options.weighting), options.train)
-    plan(run, PlanConfig())
+    plan(run, PlanConfig(columns=options.plan_columns))
     return write_report(run)
 
 

@@ -100,6 +100,21 @@ class RadianceEngine(ABC):
     def state(self) -> dict[str, Tensor]:
         """Everything needed to go on training: parameters, moments, occupancy, counters."""
 
+    def check_state(self, state: dict[str, Tensor]) -> None:
+        """Compare a saved state's names, shapes and types with this engine's own.
+
+        Raises:
+            ValueError: A tensor is missing or of another shape or type.
+        """
+        for name, mine in self.state().items():
+            if name not in state:
+                raise ValueError(f"the saved field lacks '{name}'")
+            if state[name].shape != mine.shape or state[name].dtype != mine.dtype:
+                raise ValueError(
+                    f"'{name}' has shape {tuple(state[name].shape)} and type {state[name].dtype},"
+                    f" not {tuple(mine.shape)} and {mine.dtype}"
+                )
+
     @abstractmethod
     def load_state(self, state: dict[str, Tensor]) -> None:
         """Restore what :meth:`state` gave.

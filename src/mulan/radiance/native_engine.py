@@ -217,14 +217,7 @@ class NativeEngine(RadianceEngine):
 
     def load_state(self, state: dict[str, Tensor]) -> None:
         """Restore what :meth:`state` gave; see :class:`RadianceEngine`."""
-        for name, mine in self.state().items():
-            if name not in state:
-                raise ValueError(f"the saved field lacks '{name}'")
-            if state[name].shape != mine.shape or state[name].dtype != mine.dtype:
-                raise ValueError(
-                    f"'{name}' has shape {tuple(state[name].shape)} and type {state[name].dtype},"
-                    f" not {tuple(mine.shape)} and {mine.dtype}"
-                )
+        self.check_state(state)
         for prefix, table, networks in (
             ("", self._table, self._networks),
             ("exp_avg.", self._table_moments[0], self._network_moments[0]),

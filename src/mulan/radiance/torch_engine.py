@@ -153,14 +153,7 @@ class TorchEngine(RadianceEngine):
 
     def load_state(self, state: dict[str, Tensor]) -> None:
         """Restore what :meth:`state` gave; see :class:`RadianceEngine`."""
-        for name, mine in self.state().items():
-            if name not in state:
-                raise ValueError(f"the saved field lacks '{name}'")
-            if state[name].shape != mine.shape or state[name].dtype != mine.dtype:
-                raise ValueError(
-                    f"'{name}' has shape {tuple(state[name].shape)} and type {state[name].dtype},"
-                    f" not {tuple(mine.shape)} and {mine.dtype}"
-                )
+        self.check_state(state)
         self._steps, self._occupancy.refreshes = (int(x) for x in state["counters"])
         with torch.no_grad():
             for name, parameter in self.field.named_parameters():
