@@ -78,6 +78,7 @@ def test_every_weighting_trains(finished_run: Path, tmp_path: Path, weighting: s
     run = str(tmp_path / "run")
     assert run_command(["train", run, "--data", str(finished_run / "transforms.json"), *arguments]) == 0
     assert json.loads((tmp_path / "run" / "metrics.json").read_text())["steps"] == 3
+    assert run_command(["plan", run, "--columns", "4"]) == 0
 
 
 def test_doctor_finds_all_needed_parts(capsys: pytest.CaptureFixture[str]):

@@ -1,4 +1,5 @@
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -87,3 +88,33 @@ def test_killed_training_goes_on_where_it_was(finished_run: Path, tmp_path: Path
     assert (run / "field.safetensors").stat().st_mtime_ns > resumed_from
     assert json.loads((run / "metrics.json").read_text())["steps"] == 400
     assert not (run / "checkpoint.safetensors").exists()
+
+
+def test_interrupted_training_keeps_what_it_learnt(finished_run: Path, tmp_path: Path):
+    run = tmp_path / "run"
+    arguments = ["train", str(run), "--data", str(finished_run / "transforms.json"), "--image-size", "32"]
+    arguments += ["--steps", "100000"]
+    command = [sys.executable, "-c", "from mulan.cli.main import main; main()", *arguments]
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+    assert process.stdout is not None
+    while not process.stdout.readline().startswith("Training"):
+        assert process.poll() is None
+    time.sleep(4)  # images are read in a fraction of this
+    process.send_signal(signal.SIGINT)
+    _, printed = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "run the same command again" in printed
+    assert (run / "checkpoint.safetensors").is_file()
+
+
+def test_a_folder_that_cannot_be_written_is_found_before_training(finished_run: Path, tmp_path: Path):
+    (tmp_path / "file").write_text("not a folder")
+    data = str(finished_run / "transforms.json")
+    with pytest.raises(InputError, match="can write to"):
+        run_command(["train", str(tmp_path / "file"), "--data", data, "--image-size", "32", "--steps", "3"])

@@ -82,12 +82,18 @@ def test_an_evaluation_compares_its_setups_in_one_column_each(tmp_path):
 
 def test_what_is_missing_is_named_with_the_command_that_makes_it(tmp_path):
     run = RunFolder(tmp_path / "my run")
-    run.root.mkdir()
+    run.record_config("simulate", {"seed": 0})
     text = page_of(run)
     for command in ("localize", "train", "plan"):
         assert f"mulan {command} &#x27;" in text
     assert "Nothing has been localized or trained" in text
     assert len(text) < 50_000  # no chart, no plotly
+
+
+def test_a_folder_that_holds_no_run_is_refused(tmp_path):
+    with pytest.raises(InputError, match="holds no run"):
+        write_report(RunFolder(tmp_path))
+    assert not (tmp_path / "report.html").exists()
 
 
 @pytest.mark.parametrize("part", ["localization", "training"])

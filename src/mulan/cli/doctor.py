@@ -109,6 +109,9 @@ def main(arguments: Sequence[str]) -> int:
     tyro.cli(Options, args=arguments, prog="mulan doctor")
     marks = {True: "[green]✓[/]", False: "[yellow]✗[/]", None: "[dim]·[/]"}
     table = Table(box=None, show_header=False, padding=(0, 1))
+    table.add_column()
+    table.add_column()
+    table.add_column(overflow="fold")
     findings = diagnose()
     for finding in findings:
         table.add_row(marks[finding.present], finding.part, finding.detail)

@@ -54,6 +54,7 @@ def print_accuracy(figures: dict[str, RobotAccuracy]) -> None:
 def localize_bag(bag: Path, run: RunFolder, options: Options) -> None:
     """Read the bag, localize, write poses, covariances and the posed image set into the run."""
     mission = read_mission(bag)
+    run.check_writable()
     with progress_bar("Localizing") as progress:
         localization = localize(mission, options.graph, options.bearings, progress)
     write_localization(localization, mission, run)

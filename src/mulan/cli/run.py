@@ -52,6 +52,7 @@ def run_bag(options: Options) -> Path:
             options.bag, options.out, options.hold_out_every, options.graph, options.bearings
         ),
     )
+    run.record_config("run", asdict(options))
     images = read_transforms(run.transforms)
     train_command.train_run(run, images, train_command.weighting_named(options.weighting), options.train)
     plan(run, PlanConfig(columns=options.plan_columns))
@@ -61,7 +62,6 @@ def run_bag(options: Options) -> Path:
 def main(arguments: Sequence[str]) -> int:
     """Run the loop."""
     options = tyro.cli(Options, args=arguments, prog="mulan run")
-    RunFolder(options.out).record_config("run", asdict(options))
     page = run_bag(options)
     console.print(f"Report: [bold]{page.resolve()}[/]")
     console.print(f"Next: [cyan]mulan render {options.out}[/]")

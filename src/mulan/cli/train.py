@@ -10,7 +10,7 @@ import tyro
 from mulan.cli.progress import console, progress_bar
 from mulan.errors import InputError
 from mulan.mission.image_sets import read_posed_images
-from mulan.mission.nerfstudio import read_transforms
+from mulan.mission.nerfstudio import read_transforms, write_transforms
 from mulan.mission.posed_images import PosedImageSet
 from mulan.mission.run_folder import RunFolder
 from mulan.reconstruction.reconstruct import reconstruct
@@ -69,8 +69,18 @@ def images_of(options: Options) -> PosedImageSet:
 def train_run(run: RunFolder, images: PosedImageSet, weighting: Weighting, config: TrainConfig) -> None:
     """Train with a progress bar and say how good it became."""
     console.print(f"{len(images.train)} images to learn from, {len(images.test)} held out")
+    if run.checkpoint.exists():
+        console.print("Going on with the training that was stopped")
+    before = run.field.stat().st_mtime_ns if run.field.exists() else None
     with progress_bar("Training") as progress:
         metrics = reconstruct(images, weighting, config, run, progress)
+    if before is not None:
+        kept = run.field.stat().st_mtime_ns == before
+        console.print(
+            "Kept: this run was trained earlier with the same images and options"
+            if kept
+            else "The field this run held before was replaced"
+        )
     score = f"{metrics['train_seconds']:.0f} s and {metrics['steps']} steps of training"
     if metrics["psnr_db"] is not None:
         score = f"Held-out views: [bold]{metrics['psnr_db']:.2f} dB[/] PSNR after {score}"
@@ -81,7 +91,11 @@ def main(arguments: Sequence[str]) -> int:
     """Train one run."""
     options = tyro.cli(Options, args=arguments, prog="mulan train")
     run = RunFolder(options.run)
-    train_run(run, images_of(options), weighting_named(options.weighting), options.config)
+    images = images_of(options)
+    if options.data is not None:
+        run.check_writable()
+        write_transforms(images, run.transforms)  # the run then holds what plan, render and report need
+    train_run(run, images, weighting_named(options.weighting), options.config)
     run.record_config("train", asdict(options))
     console.print(f"Field: [bold]{run.field}[/]")
     console.print(f"Next: [cyan]mulan plan {options.run}[/]")

@@ -1,5 +1,6 @@
 """One run is one folder: where each stage's results lie, written so that a kill loses nothing."""
 
+import errno
 import json
 import os
 import tempfile
@@ -35,7 +36,8 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def _unwritable(path: Path, error: OSError) -> InputError:
-    remedy = "free some space or choose another folder with --out"
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+    remedy = "free some space and run the command again" if full else "choose a folder you can write to"
     return InputError(path, "writing", error.strerror or str(error), remedy)
 
 
@@ -124,6 +126,16 @@ class RunFolder:
     def report(self) -> Path:
         """The page a person reads."""
         return self.root / "report.html"
+
+    def check_writable(self) -> None:
+        """Make the folder and try it, so that no work is done that cannot be saved.
+
+        Raises:
+            InputError: It cannot be made or written.
+        """
+        probe = self.root / ".writable"
+        write_atomically(probe, lambda temporary: temporary.write_text(""))
+        probe.unlink(missing_ok=True)
 
     def record_config(self, command: str, options: dict[str, Any]) -> None:
         """Add one command's options to the run's record; values JSON lacks are written as text."""

@@ -29,6 +29,7 @@ def reconstruct(
     Raises:
         InputError: See :func:`mulan.reconstruction.trainer.train`.
     """
+    run.check_writable()
     made_from = fingerprint(images, weighting, config)
     if run.metrics.exists() and run.field.exists():
         finished = read_json(run.metrics, "mulan train")

@@ -23,6 +23,7 @@ from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.weights import Weighting
 
 MAX_RAYS = 16384
+CURVE_POINTS = 5  # at least, of a training with a time budget
 CURVE_VIEWS = 4  # test views behind each point of the training curve
 SMOOTHING = 0.95  # of the running mean squared error shown in the curve
 
@@ -135,19 +136,30 @@ class _Loop:
         self._saved_s = self._evaluated_s = self.state.seconds
 
     def run_to_end(self, progress: Callable[[TrainingStatus], None] | None) -> None:
+        try:
+            while self._config.fraction_done(self.state.steps, self.state.seconds) < 1:
+                self._advance()
+                if progress:
+                    progress(self._status())
+        except KeyboardInterrupt:
+            self._save()
+            raise
+        if not self.state.history or self.state.history[-1]["steps"] < self.state.steps:
+            self._add_to_history()
+
+    def _advance(self) -> None:
         config = self._config
-        while (done := config.fraction_done(self.state.steps, self.state.seconds)) < 1:
-            self._step(config.learning_rate_factor(done))
-            seconds = self.state.seconds
-            if seconds - self._evaluated_s >= config.evaluate_every_s:
-                self._add_to_history()
-            if seconds - self._saved_s >= config.checkpoint_every_s:
-                self._saved_s = seconds
-                tensors = self._engine.state()
-                write_checkpoint(self._run.checkpoint, tensors, self._sampler, self.state, self._identity)
-            if progress:
-                progress(self._status())
-        self._add_to_history()
+        self._step(config.learning_rate_factor(config.fraction_done(self.state.steps, self.state.seconds)))
+        seconds = self.state.seconds
+        if seconds - self._evaluated_s >= min(config.evaluate_every_s, config.time_budget_s / CURVE_POINTS):
+            self._add_to_history()
+        if seconds - self._saved_s >= config.checkpoint_every_s:
+            self._save()
+
+    def _save(self) -> None:
+        self._saved_s = self.state.seconds
+        tensors = self._engine.state()
+        write_checkpoint(self._run.checkpoint, tensors, self._sampler, self.state, self._identity)
 
     def _step(self, learning_rate_factor: float) -> None:
         s = self.state

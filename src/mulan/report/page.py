@@ -53,6 +53,9 @@ def write_report(run: RunFolder) -> Path:
         InputError: The folder does not exist, or one of its files is damaged.
     """
     contents = read_run(run)
+    known = (run.config, run.localization, run.transforms, run.history, run.metrics)
+    if not any(path.exists() for path in known):
+        raise InputError(run.root, "run folder", "holds no run", "give the folder a mulan command wrote")
     text = page_html(contents)
     write_atomically(run.report, lambda temporary: temporary.write_text(text, encoding="utf-8") and None)
     return run.report
