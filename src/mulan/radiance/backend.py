@@ -12,7 +12,7 @@ from mulan.radiance.torch_engine import TorchEngine
 _log = logging.getLogger(__name__)
 
 WITHOUT_NATIVE = (
-    "the slower torch engine runs (about a tenth of the speed); install a C++ compiler "
+    "the slower torch engine runs; install a C++ compiler "
     "(Debian: apt-get install g++) and run 'pip install --force-reinstall --no-deps' on mulan again"
 )
 
