@@ -9,7 +9,7 @@ from torch import Tensor
 
 from mulan.radiance.config import FieldConfig, MarchConfig
 from mulan.radiance.gpu.composite_kernels import GpuCompositor, RayAnswers
-from mulan.radiance.gpu.gpu_networks import GpuNetworks
+from mulan.radiance.gpu.gpu_networks import GpuNetworks, NetworkOutputs
 from mulan.radiance.gpu.gpu_occupancy import GpuGrid
 from mulan.radiance.gpu.hash_kernels import GpuEncoding
 from mulan.radiance.gpu.launch import TritonConfig
@@ -33,7 +33,8 @@ class Wave:
         encoded: Encodings of those.
         reached: Samples with a colour.
         harmonics: Of each ray's direction.
-        colour, variance, blend: Of each reached sample.
+        seen: What the networks say of each reached sample.
+        blend: Its compositing weight.
         answers: What each ray collects.
     """
 
@@ -44,8 +45,7 @@ class Wave:
     encoded: Float[Tensor, "encoded room"]
     reached: ReachedSamples
     harmonics: Float[Tensor, "r 16"]
-    colour: Float[Tensor, "3 room"]
-    variance: Float[Tensor, "room"]
+    seen: NetworkOutputs
     blend: Float[Tensor, "room"]
     answers: RayAnswers
 
@@ -103,10 +103,10 @@ class GpuField:
                 marched, density, scene, config, least, exploring_share, seed or 0, first_ray=first
             )
             harmonics = direction_harmonics(directions[part], self._field.harmonics_degree)
-            colour, variance = self._networks.colour(encoded, reached, harmonics, parameters.networks)
-            blend = torch.empty_like(variance)
+            seen = self._networks.colour(encoded, reached, harmonics, parameters.networks)
+            blend = torch.empty_like(seen.variance)
             answers = self._compositor.composite(
-                reached.offsets, reached.distance_m, reached.density, colour, variance, blend
+                reached.offsets, reached.distance_m, reached.density, seen.colour, seen.variance, blend
             )
             yield Wave(
                 part,
@@ -116,8 +116,7 @@ class GpuField:
                 encoded,
                 reached,
                 harmonics,
-                colour,
-                variance,
+                seen,
                 blend,
                 answers,
             )
@@ -133,11 +132,11 @@ class GpuField:
         """Add to the parameters' gradients (``learn``) and give those to the wave's rays (``rays``)."""
         parameters, reached = self.parameters, wave.reached
         to_samples = self._compositor.backward(
-            *(reached.offsets, reached.distance_m, reached.density, wave.colour, wave.answers),
+            *(reached.offsets, reached.distance_m, reached.density, wave.seen.colour, wave.answers),
             *(colour_gradient, variance_gradient),
         )
         gradients = self._networks.backward(
-            wave.encoded, reached, wave.harmonics, parameters.networks, to_samples, learn, rays
+            *(wave.encoded, reached, wave.harmonics, parameters.networks, wave.seen, to_samples, learn, rays)
         )
         if gradients.parameters is not None:
             parameters.network_gradient.add_(gradients.parameters)

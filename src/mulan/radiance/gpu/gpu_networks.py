@@ -1,6 +1,7 @@
 """The networks on the GPU: launching ``network_kernels.py``."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from jaxtyping import Float
@@ -9,8 +10,23 @@ from torch import Tensor
 from mulan.radiance.config import FieldConfig
 from mulan.radiance.gpu.composite_kernels import SampleGradients
 from mulan.radiance.gpu.launch import TritonConfig, padded, programs
-from mulan.radiance.gpu.network_kernels import HARMONICS, backward_kernel, colour_kernel, density_kernel
+from mulan.radiance.gpu.network_kernels import (
+    HARMONICS,
+    colour_backward_kernel,
+    colour_kernel,
+    density_backward_kernel,
+    density_kernel,
+)
 from mulan.radiance.gpu.reach_kernels import ReachedSamples
+
+
+@dataclass(frozen=True)
+class NetworkOutputs:
+    """Geometry features, colours and colour variances of the reached samples."""
+
+    geometry: Float[Tensor, "geometry room"]
+    colour: Float[Tensor, "3 room"]
+    variance: Float[Tensor, "room"]
 
 
 @dataclass(frozen=True)
@@ -38,6 +54,7 @@ class GpuNetworks:
             "OPERAND": precision.operand,
             "PRODUCT": precision.product,
             "B": config.blocks.matrix_samples,
+            "num_warps": config.blocks.matrix_warps,
         }
         self._sizes = {
             "E": field.encoded_width,
@@ -69,17 +86,20 @@ class GpuNetworks:
         reached: ReachedSamples,
         harmonics: Float[Tensor, "r 16"],
         networks: Float[Tensor, "parameters"],
-    ) -> tuple[Float[Tensor, "3 room"], Float[Tensor, "room"]]:
-        """Colour and colour variance of the reached samples; encodings are those of all marched ones."""
+    ) -> NetworkOutputs:
+        """What the reached samples look like; encodings are those of all marched ones."""
         room = encoded.shape[1]
-        colour, variance = torch.empty_like(reached.unit), torch.empty_like(reached.density)
-        colour_kernel[(programs(room, self._config.blocks.matrix_samples),)](
-            *(encoded, reached.source, reached.ray, harmonics, networks, reached.count, colour, variance, room),
-            **self._sizes,
-            **self._colour_sizes,
-            **self._products,
+        out = NetworkOutputs(
+            encoded.new_empty(self._field.geometry_features, room),
+            torch.empty_like(reached.unit),
+            torch.empty_like(reached.density),
         )
-        return colour, variance
+        colour_kernel[(programs(room, self._config.blocks.matrix_samples),)](
+            *(encoded, reached.source, reached.ray, harmonics, networks, reached.count),
+            *(out.geometry, out.colour, out.variance, room),
+            **self._all_sizes,
+        )
+        return out
 
     def backward(
         self,
@@ -87,6 +107,7 @@ class GpuNetworks:
         reached: ReachedSamples,
         harmonics: Float[Tensor, "r 16"],
         networks: Float[Tensor, "parameters"],
+        outputs: NetworkOutputs,
         gradients: SampleGradients,
         learn: bool,
         rays: bool,
@@ -97,22 +118,28 @@ class GpuNetworks:
         """
         room, blocks = encoded.shape[1], self._config.blocks
         work = programs(room, blocks.matrix_samples)
-        launched = min(work, blocks.matrix_programs) if learn else work
+        grid = (min(work, blocks.matrix_programs) if learn else work,)
         device = encoded.device
-        to_encoded = torch.empty(encoded.shape, device=device)
+        to_geometry, to_encoded = torch.empty_like(outputs.geometry), torch.empty(encoded.shape, device=device)
         to_harmonics = torch.empty(HARMONICS.value, room, device=device) if rays else None
-        partial = torch.empty(launched, len(networks), device=device) if learn else None
-        backward_kernel[(launched,)](
-            *(encoded, reached.source, reached.ray, harmonics, networks, reached.count),
-            *(gradients.logits, gradients.log_density, gradients.variance, to_encoded),
+        partial = torch.empty(*grid, len(networks), device=device) if learn else None
+        partial_or_any = to_encoded if partial is None else partial
+        colour_backward_kernel[grid](
+            *(outputs.geometry, reached.ray, harmonics, networks, reached.count, gradients.logits, to_geometry),
             to_encoded if to_harmonics is None else to_harmonics,
-            to_encoded if partial is None else partial,
-            *(room, len(networks)),
-            **self._sizes,
-            **self._colour_sizes,
-            **self._products,
+            *(partial_or_any, room, len(networks)),
+            **self._all_sizes,
             LEARN=learn,
             RAYS=rays,
-            num_warps=8,
+        )
+        density_backward_kernel[grid](
+            *(encoded, reached.source, outputs.geometry, networks, reached.count, to_geometry),
+            *(gradients.log_density, gradients.variance, to_encoded, partial_or_any, room, len(networks)),
+            **self._all_sizes,
+            LEARN=learn,
         )
         return NetworkGradients(to_encoded, to_harmonics, None if partial is None else partial.sum(0))
+
+    @property
+    def _all_sizes(self) -> dict[str, Any]:
+        return {**self._sizes, **self._colour_sizes, **self._products}

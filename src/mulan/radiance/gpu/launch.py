@@ -40,6 +40,8 @@ class BlockSizes:
     """Samples of a kernel that looks at one at a time."""
     matrix_samples: int = 64
     """Samples of a kernel that multiplies matrices; at least 16."""
+    matrix_warps: int = 4
+    """Warps of such a kernel's programs."""
     rays: int = 4
     """Rays of a kernel that walks along them..."""
     steps: int = 32

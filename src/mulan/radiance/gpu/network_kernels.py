@@ -86,25 +86,20 @@ def density_kernel(
 
 @triton.jit
 @no_type_check
-def geometry_and_colour(
-    x,
-    harmonics,
-    d0,
-    d1,
-    c_direction,
-    c_geometry,
-    c1,
-    c2,
-    OPERAND: tl.constexpr,
-    PRODUCT: tl.constexpr,
-):
-    """Activations of both networks: hidden, geometry features, both colour layers, colour logits."""
-    hidden = tl.maximum(multiply(x, tl.trans(d0), OPERAND, PRODUCT), 0.0)
-    geometry = multiply(hidden, tl.trans(d1), OPERAND, PRODUCT)
-    first = multiply(harmonics, tl.trans(c_direction), OPERAND, PRODUCT)
+def colour_layers(geometry, bands, c_direction, c_geometry, c1, OPERAND: tl.constexpr, PRODUCT: tl.constexpr):
+    """Activations of the colour network's two hidden layers."""
+    first = multiply(bands, tl.trans(c_direction), OPERAND, PRODUCT)
     first = tl.maximum(first + multiply(geometry, tl.trans(c_geometry), OPERAND, PRODUCT), 0.0)
-    second = tl.maximum(multiply(first, tl.trans(c1), OPERAND, PRODUCT), 0.0)
-    return hidden, geometry, first, second, multiply(second, tl.trans(c2), OPERAND, PRODUCT)
+    return first, tl.maximum(multiply(first, tl.trans(c1), OPERAND, PRODUCT), 0.0)
+
+
+@triton.jit
+@no_type_check
+def load_bands(harmonics, ray, i, on):
+    """Harmonics of the samples' directions [B, 16]."""
+    column = tl.arange(0, HARMONICS)[None, :]
+    direction = tl.load(ray + i, mask=on, other=0)
+    return tl.load(harmonics + direction[:, None] * HARMONICS + column, mask=on[:, None], other=0.0)
 
 
 @triton.jit
@@ -116,6 +111,7 @@ def colour_kernel(
     harmonics,
     networks,
     count,
+    geometry_out,
     colour,
     variance,
     room,
@@ -130,53 +126,49 @@ def colour_kernel(
     PRODUCT: tl.constexpr,
     B: tl.constexpr,
 ):
-    """Colour and colour variance of the samples that light reaches."""
+    """Geometry features, colour and colour variance of the samples that light reaches."""
     begin, n = tl.program_id(0) * B, tl.load(count)
     if begin >= n:
         return
     i = begin + tl.arange(0, B)
     on = i < n
-    x = load_rows(encoded, tl.load(source + i, mask=on, other=0), on, room, E, EP)
-    column = tl.arange(0, HARMONICS)[None, :]
-    direction = tl.load(ray + i, mask=on, other=0)
-    bands = tl.load(harmonics + direction[:, None] * HARMONICS + column, mask=on[:, None], other=0.0)
-    at = networks + W * E
-    colour_at = at + G * W
+    colour_at = networks + W * E + G * W
     out_at = colour_at + W * (K + G) + W * W
-    hidden, geometry, _, _, logits = geometry_and_colour(
-        x,
-        bands,
-        load_matrix(networks, W, E, E, WP, EP),
-        load_matrix(at, G, W, W, GP, WP),
-        load_matrix(colour_at, W, K, K + G, WP, HARMONICS),
-        load_matrix(colour_at + K, W, G, K + G, WP, GP),
-        load_matrix(colour_at + W * (K + G), W, W, W, WP, WP),
-        load_matrix(out_at, 3, W, W, 16, WP),
-        OPERAND,
-        PRODUCT,
-    )
-    store_rows(colour, tl.sigmoid(logits), i, on, room, 3, 16)
+    x = load_rows(encoded, tl.load(source + i, mask=on, other=0), on, room, E, EP)
+    d0 = load_matrix(networks, W, E, E, WP, EP)
+    hidden = tl.maximum(multiply(x, tl.trans(d0), OPERAND, PRODUCT), 0.0)
+    d1 = load_matrix(networks + W * E, G, W, W, GP, WP)
+    geometry = multiply(hidden, tl.trans(d1), OPERAND, PRODUCT)
+    store_rows(geometry_out, geometry, i, on, room, G, GP)
     unit, feature = tl.arange(0, WP), tl.arange(0, GP)
     v_hidden = tl.load(out_at + 3 * W + unit, mask=unit < W, other=0.0)
     v_geometry = tl.load(out_at + 3 * W + W + feature, mask=feature < G, other=0.0)
     raw = tl.sum(hidden * v_hidden[None, :], 1) + tl.sum(geometry * v_geometry[None, :], 1)
     softplus = tl.maximum(raw, 0.0) + tl.log(1 + tl.exp(-tl.abs(raw)))
     tl.store(variance + i, softplus + FLOOR, mask=on)
+    _, second = colour_layers(
+        geometry,
+        load_bands(harmonics, ray, i, on),
+        load_matrix(colour_at, W, K, K + G, WP, HARMONICS),
+        load_matrix(colour_at + K, W, G, K + G, WP, GP),
+        load_matrix(colour_at + W * (K + G), W, W, W, WP, WP),
+        OPERAND,
+        PRODUCT,
+    )
+    logits = multiply(second, tl.trans(load_matrix(out_at, 3, W, W, 16, WP)), OPERAND, PRODUCT)
+    store_rows(colour, tl.sigmoid(logits), i, on, room, 3, 16)
 
 
 @triton.jit
 @no_type_check
-def backward_kernel(
-    encoded,
-    source,
+def colour_backward_kernel(
+    geometry_in,
     ray,
     harmonics,
     networks,
     count,
     to_logits,
-    to_log_density,
-    to_variance,
-    to_encoded,
+    to_geometry,
     to_harmonics,
     partial_gradients,
     room,
@@ -194,69 +186,105 @@ def backward_kernel(
     RAYS: tl.constexpr,
     B: tl.constexpr,
 ):
-    """Gradient to the encoding, to the parameters (LEARN; each program its own part) and the harmonics (RAYS).
-
-    The activations are computed once more, which is cheaper than keeping them.
+    """Gradient to the geometry features, to the colour network (LEARN; each program its own part) and the harmonics
+    (RAYS). The activations are computed once more, which is cheaper than keeping them.
     """
-    at = networks + W * E
-    colour_at = at + G * W
+    colour_at = networks + W * E + G * W
     out_at = colour_at + W * (K + G) + W * W
-    d0, d1 = load_matrix(networks, W, E, E, WP, EP), load_matrix(at, G, W, W, GP, WP)
     c_direction = load_matrix(colour_at, W, K, K + G, WP, HARMONICS)
     c_geometry = load_matrix(colour_at + K, W, G, K + G, WP, GP)
     c1 = load_matrix(colour_at + W * (K + G), W, W, W, WP, WP)
     c2 = load_matrix(out_at, 3, W, W, 16, WP)
-    unit, feature = tl.arange(0, WP), tl.arange(0, GP)
-    v_hidden = tl.load(out_at + 3 * W + unit, mask=unit < W, other=0.0)
-    v_geometry = tl.load(out_at + 3 * W + W + feature, mask=feature < G, other=0.0)
     if LEARN:
-        g_d0, g_d1 = tl.zeros([WP, EP], tl.float32), tl.zeros([GP, WP], tl.float32)
         g_direction, g_geometry = tl.zeros([WP, HARMONICS], tl.float32), tl.zeros([WP, GP], tl.float32)
         g_c1, g_c2 = tl.zeros([WP, WP], tl.float32), tl.zeros([16, WP], tl.float32)
-        g_v_hidden, g_v_geometry = tl.zeros([WP], tl.float32), tl.zeros([GP], tl.float32)
     n = tl.load(count)
-    column = tl.arange(0, HARMONICS)[None, :]
     for begin in range(tl.program_id(0) * B, n, tl.num_programs(0) * B):
         i = begin + tl.arange(0, B)
         on = i < n
-        x = load_rows(encoded, tl.load(source + i, mask=on, other=0), on, room, E, EP)
-        direction = tl.load(ray + i, mask=on, other=0)
-        bands = tl.load(harmonics + direction[:, None] * HARMONICS + column, mask=on[:, None], other=0.0)
-        hidden, geometry, first, second, _ = geometry_and_colour(
-            x, bands, d0, d1, c_direction, c_geometry, c1, c2, OPERAND, PRODUCT
-        )
+        geometry = load_rows(geometry_in, i, on, room, G, GP)
+        bands = load_bands(harmonics, ray, i, on)
+        first, second = colour_layers(geometry, bands, c_direction, c_geometry, c1, OPERAND, PRODUCT)
         g_logits = load_rows(to_logits, i, on, room, 3, 16)
         g_second = tl.where(second > 0, multiply(g_logits, c2, OPERAND, PRODUCT), 0.0)
         g_first = tl.where(first > 0, multiply(g_second, c1, OPERAND, PRODUCT), 0.0)
-        g_features = multiply(g_first, c_geometry, OPERAND, PRODUCT)
-        g_density = tl.load(to_log_density + i, mask=on, other=0.0)
-        g_features += tl.where(feature[None, :] == 0, g_density[:, None], 0.0)
-        g_hidden = tl.where(hidden > 0, multiply(g_features, d1, OPERAND, PRODUCT), 0.0)
-        store_rows(to_encoded, multiply(g_hidden, d0, OPERAND, PRODUCT), i, on, room, E, EP)
+        store_rows(to_geometry, multiply(g_first, c_geometry, OPERAND, PRODUCT), i, on, room, G, GP)
         if RAYS:
             g_bands = multiply(g_first, c_direction, OPERAND, PRODUCT)
             store_rows(to_harmonics, g_bands, i, on, room, HARMONICS, HARMONICS)
         if LEARN:
-            g_d0 += multiply(tl.trans(g_hidden), x, OPERAND, PRODUCT)
-            g_d1 += multiply(tl.trans(g_features), hidden, OPERAND, PRODUCT)
             g_direction += multiply(tl.trans(g_first), bands, OPERAND, PRODUCT)
             g_geometry += multiply(tl.trans(g_first), geometry, OPERAND, PRODUCT)
             g_c1 += multiply(tl.trans(g_second), first, OPERAND, PRODUCT)
             g_c2 += multiply(tl.trans(g_logits), second, OPERAND, PRODUCT)
+    if LEARN:
+        mine = partial_gradients + tl.program_id(0) * parameters + W * E + G * W
+        store_matrix(mine, g_direction, W, K, K + G, WP, HARMONICS)
+        store_matrix(mine + K, g_geometry, W, G, K + G, WP, GP)
+        store_matrix(mine + W * (K + G), g_c1, W, W, W, WP, WP)
+        store_matrix(mine + W * (K + G) + W * W, g_c2, 3, W, W, 16, WP)
+
+
+@triton.jit
+@no_type_check
+def density_backward_kernel(
+    encoded,
+    source,
+    geometry_in,
+    networks,
+    count,
+    to_geometry,
+    to_log_density,
+    to_variance,
+    to_encoded,
+    partial_gradients,
+    room,
+    parameters,
+    E: tl.constexpr,
+    W: tl.constexpr,
+    G: tl.constexpr,
+    K: tl.constexpr,
+    EP: tl.constexpr,
+    WP: tl.constexpr,
+    GP: tl.constexpr,
+    OPERAND: tl.constexpr,
+    PRODUCT: tl.constexpr,
+    LEARN: tl.constexpr,
+    B: tl.constexpr,
+):
+    """Gradient to the encoding and, with LEARN, to the density network and the variance head."""
+    out_at = W * E + G * W + W * (K + G) + W * W
+    d0 = load_matrix(networks, W, E, E, WP, EP)
+    d1 = load_matrix(networks + W * E, G, W, W, GP, WP)
+    unit, feature = tl.arange(0, WP), tl.arange(0, GP)
+    v_hidden = tl.load(networks + out_at + 3 * W + unit, mask=unit < W, other=0.0)
+    v_geometry = tl.load(networks + out_at + 3 * W + W + feature, mask=feature < G, other=0.0)
+    if LEARN:
+        g_d0, g_d1 = tl.zeros([WP, EP], tl.float32), tl.zeros([GP, WP], tl.float32)
+        g_v_hidden, g_v_geometry = tl.zeros([WP], tl.float32), tl.zeros([GP], tl.float32)
+    n = tl.load(count)
+    for begin in range(tl.program_id(0) * B, n, tl.num_programs(0) * B):
+        i = begin + tl.arange(0, B)
+        on = i < n
+        x = load_rows(encoded, tl.load(source + i, mask=on, other=0), on, room, E, EP)
+        hidden = tl.maximum(multiply(x, tl.trans(d0), OPERAND, PRODUCT), 0.0)
+        g_geometry = load_rows(to_geometry, i, on, room, G, GP)
+        g_density = tl.load(to_log_density + i, mask=on, other=0.0)
+        g_geometry += tl.where(feature[None, :] == 0, g_density[:, None], 0.0)
+        g_hidden = tl.where(hidden > 0, multiply(g_geometry, d1, OPERAND, PRODUCT), 0.0)
+        store_rows(to_encoded, multiply(g_hidden, d0, OPERAND, PRODUCT), i, on, room, E, EP)
+        if LEARN:
+            g_d0 += multiply(tl.trans(g_hidden), x, OPERAND, PRODUCT)
+            g_d1 += multiply(tl.trans(g_geometry), hidden, OPERAND, PRODUCT)
             # the variance head's inputs count as given: its loss must not reach the trunk
+            geometry = load_rows(geometry_in, i, on, room, G, GP).to(tl.float32)
             raw = tl.sum(hidden * v_hidden[None, :], 1) + tl.sum(geometry * v_geometry[None, :], 1)
             g_raw = tl.load(to_variance + i, mask=on, other=0.0) * tl.sigmoid(raw)
             g_v_hidden += tl.sum(g_raw[:, None] * hidden, 0)
             g_v_geometry += tl.sum(g_raw[:, None] * geometry, 0)
     if LEARN:
         mine = partial_gradients + tl.program_id(0) * parameters
-        colour_mine = mine + W * E + G * W
-        out_mine = colour_mine + W * (K + G) + W * W
         store_matrix(mine, g_d0, W, E, E, WP, EP)
         store_matrix(mine + W * E, g_d1, G, W, W, GP, WP)
-        store_matrix(colour_mine, g_direction, W, K, K + G, WP, HARMONICS)
-        store_matrix(colour_mine + K, g_geometry, W, G, K + G, WP, GP)
-        store_matrix(colour_mine + W * (K + G), g_c1, W, W, W, WP, WP)
-        store_matrix(out_mine, g_c2, 3, W, W, 16, WP)
-        tl.store(out_mine + 3 * W + unit, g_v_hidden, mask=unit < W)
-        tl.store(out_mine + 3 * W + W + feature, g_v_geometry, mask=feature < G)
+        tl.store(mine + out_at + 3 * W + unit, g_v_hidden, mask=unit < W)
+        tl.store(mine + out_at + 3 * W + W + feature, g_v_geometry, mask=feature < G)

@@ -117,8 +117,8 @@ class TritonEngine(RadianceEngine):
             columns = (
                 wave.reached.ray[:n].long() + wave.part.start,
                 wave.blend[:n],
-                wave.colour[:, :n].T,
-                wave.variance[:n],
+                wave.seen.colour[:, :n].T,
+                wave.seen.variance[:n],
                 wave.reached.distance_m[:n],
             )
             parts.append([x.to(origins.device) for x in columns])
