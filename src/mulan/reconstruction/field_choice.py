@@ -5,8 +5,8 @@ from mulan.radiance.config import FieldConfig, MarchConfig
 FEW_VIEWS = 12
 
 
-def choose_field(longest_side: int, views: int, unbounded: bool) -> FieldConfig:
-    """Grid and network sizes that did well on a CPU.
+def choose_field(longest_side: int, views: int, unbounded: bool, on_gpu: bool = False) -> FieldConfig:
+    """Grid and network sizes: those that did well on a CPU, or instant-ngp's on a GPU.
 
     The finest level has about 2.5 cells a pixel across the scene (twice that for an unbounded scene, whose
     inner cube fills half the grid); few views cannot fill fine cells nor tell colour from direction, so
@@ -15,6 +15,14 @@ def choose_field(longest_side: int, views: int, unbounded: bool) -> FieldConfig:
     few = views <= FEW_VIEWS
     finest = longest_side * (0.8 if few else 2.5) * (2 if unbounded else 1)
     finest = min(max(round(finest / 16) * 16, 64), 2048)
+    if on_gpu:
+        return FieldConfig(
+            levels=16,
+            log2_table_size=19,
+            finest_resolution=finest,
+            width=64,
+            harmonics_degree=1 if few else 4,
+        )
     log2_table_size = 15 if finest <= 288 else 16 if finest <= 448 else 17
     return FieldConfig(
         levels=8,
@@ -24,6 +32,8 @@ def choose_field(longest_side: int, views: int, unbounded: bool) -> FieldConfig:
     )
 
 
-def choose_march(longest_side: int) -> MarchConfig:
-    """256 steps for small pictures, 384 for larger ones."""
+def choose_march(longest_side: int, on_gpu: bool = False) -> MarchConfig:
+    """256 steps for small pictures, 384 for larger ones; on a GPU instant-ngp's 1024 and a finer grid."""
+    if on_gpu:
+        return MarchConfig(steps=1024, occupancy_resolution=128)
     return MarchConfig(steps=256 if longest_side <= 160 else 384)

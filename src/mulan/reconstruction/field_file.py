@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
@@ -36,9 +37,9 @@ class FieldDescription:
     space: SceneSpace
     white_background: bool
 
-    def new_engine(self, seed: int) -> RadianceEngine:
-        """An untrained field of this description."""
-        return new_engine(self.field, self.march, self.space, self.white_background, seed)
+    def new_engine(self, seed: int, device: torch.device | None = None) -> RadianceEngine:
+        """An untrained field of this description; on the GPU if there is one and no device is given."""
+        return new_engine(self.field, self.march, self.space, self.white_background, seed, device)
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for a file header."""

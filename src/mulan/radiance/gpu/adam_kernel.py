@@ -1,4 +1,4 @@
-"""Adam (Kingma and Ba 2015) as ``torch.optim.Adam`` computes it, in one pass that also clears the gradient."""
+"""Adam (Kingma and Ba 2015) as ``torch.optim.Adam`` computes it, in one pass; clears the gradient too."""
 
 from typing import no_type_check
 

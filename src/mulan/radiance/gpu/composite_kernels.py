@@ -119,7 +119,7 @@ def composite_backward_kernel(
     R: tl.constexpr,
     S: tl.constexpr,
 ):
-    """Gradient to each sample's colour logits, log-density and variance from that to its ray's colour and variance.
+    """From gradients to rays' colours and variances to those to samples' logits, log-densities, variances.
 
     The variance's gradient stops at the blend.
     """
@@ -133,7 +133,9 @@ def composite_backward_kernel(
     g_variance = tl.load(variance_gradient + ray, mask=on, other=0.0)[:, None]
     # a ray's blends times what they are worth add up to its colour's worth over the background's
     later = tl.sum(g_red * (tl.load(ray_colour + 3 * ray, mask=on, other=0.0)[:, None] - background), 1)
-    later += tl.sum(g_green * (tl.load(ray_colour + 3 * ray + 1, mask=on, other=0.0)[:, None] - background), 1)
+    later += tl.sum(
+        g_green * (tl.load(ray_colour + 3 * ray + 1, mask=on, other=0.0)[:, None] - background), 1
+    )
     later += tl.sum(g_blue * (tl.load(ray_colour + 3 * ray + 2, mask=on, other=0.0)[:, None] - background), 1)
     before = tl.zeros([R], tl.float32)
     for first in range(0, tl.max(count, 0), S):
@@ -221,9 +223,7 @@ class GpuCompositor:
     ) -> SampleGradients:
         """Gradients to the samples from those to the rays' colours and variances."""
         rays, room = len(offsets) - 1, colour.shape[1]
-        out = SampleGradients(
-            torch.empty_like(colour), torch.empty_like(density), torch.empty_like(density)
-        )
+        out = SampleGradients(torch.empty_like(colour), torch.empty_like(density), torch.empty_like(density))
         composite_backward_kernel[(programs(rays, self._blocks.rays),)](
             *(offsets, distance_m, density, colour, answers.colour, colour_gradient, variance_gradient),
             *(out.logits, out.log_density, out.variance, rays, room, *self._lengths),

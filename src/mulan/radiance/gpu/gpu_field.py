@@ -1,4 +1,4 @@
-"""From rays to what they see, a wave of rays at a time: march, encode, density, what light reaches, colour, sums."""
+"""From rays to what they see, a wave of them at a time: march, encode, density, reach, colour, sums."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

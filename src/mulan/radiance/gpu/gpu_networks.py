@@ -120,12 +120,23 @@ class GpuNetworks:
         work = programs(room, blocks.matrix_samples)
         grid = (min(work, blocks.matrix_programs) if learn else work,)
         device = encoded.device
-        to_geometry, to_encoded = torch.empty_like(outputs.geometry), torch.empty(encoded.shape, device=device)
+        to_geometry, to_encoded = (
+            torch.empty_like(outputs.geometry),
+            torch.empty(encoded.shape, device=device),
+        )
         to_harmonics = torch.empty(HARMONICS.value, room, device=device) if rays else None
         partial = torch.empty(*grid, len(networks), device=device) if learn else None
         partial_or_any = to_encoded if partial is None else partial
         colour_backward_kernel[grid](
-            *(outputs.geometry, reached.ray, harmonics, networks, reached.count, gradients.logits, to_geometry),
+            *(
+                outputs.geometry,
+                reached.ray,
+                harmonics,
+                networks,
+                reached.count,
+                gradients.logits,
+                to_geometry,
+            ),
             to_encoded if to_harmonics is None else to_harmonics,
             *(partial_or_any, room, len(networks)),
             **self._all_sizes,

@@ -1,7 +1,7 @@
-"""Hash encoding (``kernels/hash_encoding.py`` is its reference): one program looks at one level of some points.
+"""Hash encoding (reference: ``kernels/hash_encoding.py``): one program looks at one level of some points.
 
-Encodings are kept feature by feature, ``[levels·features, room]``, so that neighbouring points lie side by side.
-All programs of a level run before those of the next: a level's table stays in the cache.
+Encodings are kept feature by feature, ``[levels·features, room]``, so that neighbouring points lie side by
+side. All programs of a level run before those of the next: a level's table stays in the cache.
 """
 
 from typing import no_type_check
@@ -186,7 +186,9 @@ class GpuEncoding:
     def __init__(self, field: FieldConfig, config: TritonConfig, device: torch.device) -> None:
         levels = range(field.levels)
         self._field, self._config = field, config
-        self._resolution = torch.tensor([field.level_resolution(i) for i in levels], dtype=torch.int32).to(device)
+        self._resolution = torch.tensor([field.level_resolution(i) for i in levels], dtype=torch.int32).to(
+            device
+        )
         self._dense = torch.tensor([field.level_is_dense(i) for i in levels], dtype=torch.int32).to(device)
         self.level_weight = torch.ones(field.levels, device=device)
 

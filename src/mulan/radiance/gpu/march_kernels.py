@@ -1,4 +1,4 @@
-"""Samples of rays in occupied cells: counted first, then written where the counts say (``kernels/march.py``)."""
+"""Samples of rays in occupied cells, counted first, then written (reference: ``kernels/march.py``)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -176,7 +176,9 @@ class Marcher:
             counts = torch.empty(rays, dtype=torch.int32, device=origins.device)
             offsets = torch.zeros(rays + 1, dtype=torch.int32, device=origins.device)
             arrays = (origins, directions, origins if weights is None else weights)
-            self._launch(arrays, weights is not None, first_ray, (counts, offsets, counts, origins, origins), False)
+            self._launch(
+                arrays, weights is not None, first_ray, (counts, offsets, counts, origins, origins), False
+            )
             torch.cumsum(counts, 0, dtype=torch.int32, out=offsets[1:])
             samples = int(offsets[-1])
             if samples <= self.config.wave_samples or rays == 1:

@@ -1,7 +1,7 @@
 """The small networks (``networks.py`` is their reference), each fused: activations never leave the program.
 
-Parameters lie one matrix after another, ``[outputs, inputs]`` each, in the order of ``NETWORKS``. Tiles of matrices
-and activations are padded with zeros to powers of two.
+Parameters lie one matrix after another, ``[outputs, inputs]`` each, in the order of ``NETWORKS``. Tiles of
+matrices and activations are padded with zeros to powers of two.
 """
 
 from typing import no_type_check
@@ -17,7 +17,9 @@ HARMONICS = tl.constexpr(16)  # columns kept for the harmonics of a direction, w
 
 @triton.jit
 @no_type_check
-def load_matrix(at, ROWS: tl.constexpr, COLUMNS: tl.constexpr, STRIDE: tl.constexpr, RP: tl.constexpr, CP: tl.constexpr):
+def load_matrix(
+    at, ROWS: tl.constexpr, COLUMNS: tl.constexpr, STRIDE: tl.constexpr, RP: tl.constexpr, CP: tl.constexpr
+):
     """A matrix as a tile [RP, CP]."""
     r, c = tl.arange(0, RP)[:, None], tl.arange(0, CP)[None, :]
     return tl.load(at + r * STRIDE + c, mask=(r < ROWS) & (c < COLUMNS), other=0.0)
@@ -26,7 +28,13 @@ def load_matrix(at, ROWS: tl.constexpr, COLUMNS: tl.constexpr, STRIDE: tl.conste
 @triton.jit
 @no_type_check
 def store_matrix(
-    at, tile, ROWS: tl.constexpr, COLUMNS: tl.constexpr, STRIDE: tl.constexpr, RP: tl.constexpr, CP: tl.constexpr
+    at,
+    tile,
+    ROWS: tl.constexpr,
+    COLUMNS: tl.constexpr,
+    STRIDE: tl.constexpr,
+    RP: tl.constexpr,
+    CP: tl.constexpr,
 ):
     """Inverse of :func:`load_matrix`."""
     r, c = tl.arange(0, RP)[:, None], tl.arange(0, CP)[None, :]
@@ -177,7 +185,7 @@ def colour_backward_kernel(
     W: tl.constexpr,
     G: tl.constexpr,
     K: tl.constexpr,
-    EP: tl.constexpr,
+    EP: tl.constexpr,  # noqa: ARG001
     WP: tl.constexpr,
     GP: tl.constexpr,
     OPERAND: tl.constexpr,
@@ -186,8 +194,9 @@ def colour_backward_kernel(
     RAYS: tl.constexpr,
     B: tl.constexpr,
 ):
-    """Gradient to the geometry features, to the colour network (LEARN; each program its own part) and the harmonics
-    (RAYS). The activations are computed once more, which is cheaper than keeping them.
+    """Gradient to the geometry features, the colour network (LEARN) and the harmonics (RAYS).
+
+    Activations are computed once more, which is cheaper than keeping them; each program sums its own samples.
     """
     colour_at = networks + W * E + G * W
     out_at = colour_at + W * (K + G) + W * W

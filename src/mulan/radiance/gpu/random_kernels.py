@@ -1,4 +1,4 @@
-"""Random numbers as a function of what they are for: the same as the native engine's, so neither keeps a state."""
+"""Random numbers as a function of what they are for, the same as the native engine's."""
 
 from typing import no_type_check
 

@@ -1,4 +1,4 @@
-"""What belongs to a ray as a whole: harmonics of its direction, its loss, gradients gathered from its samples."""
+"""What belongs to a ray as a whole: harmonics of its direction, loss, gradients gathered from its samples."""
 
 from dataclasses import dataclass
 from typing import no_type_check
@@ -21,7 +21,7 @@ from mulan.radiance.torch_engine import RENDERED_VARIANCE_FLOOR
 
 @dataclass(frozen=True)
 class RayLosses:
-    """Loss of each ray, already weighted by its share, its squared error, and the gradients of the whole loss."""
+    """Loss of each ray, weighted by its share, its squared error, and the gradients of the whole loss."""
 
     loss: Float[Tensor, "r"]
     squared_error: Float[Tensor, "r"]
@@ -92,7 +92,7 @@ def gather_kernel(
     R: tl.constexpr,
     S: tl.constexpr,
 ):
-    """Sums over each ray's samples of the gradients to its origin, direction and harmonics, distances as given."""
+    """Sums over each ray's samples of the gradients to its origin, direction, harmonics; distances as given."""
     ray = tl.program_id(0) * R + tl.arange(0, R)
     on = ray < rays
     start = tl.load(offsets + ray, mask=on, other=0)
@@ -113,9 +113,7 @@ def gather_kernel(
         gy = tl.load(point_gradient + room + at, mask=here, other=0.0)
         gz = tl.load(point_gradient + 2 * room + at, mask=here, other=0.0)
         x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
-        gx, gy, gz = to_unit_backward(
-            x, y, z, gx, gy, gz, centre_x, centre_y, centre_z, radius, UNBOUNDED
-        )
+        gx, gy, gz = to_unit_backward(x, y, z, gx, gy, gz, centre_x, centre_y, centre_z, radius, UNBOUNDED)
         gox += tl.sum(gx, 1)
         goy += tl.sum(gy, 1)
         goz += tl.sum(gz, 1)

@@ -134,7 +134,7 @@ def keep_reached(
     seed: int = 0,
     first_ray: int = 0,
 ) -> ReachedSamples:
-    """The samples that at least ``min_transmittance`` of the light reaches and that are not thinner than a bound.
+    """The samples that at least ``min_transmittance`` of the light reaches and that are not too thin.
 
     Args:
         marched: All samples.

@@ -1,4 +1,4 @@
-"""Parts of kernels: world points to the unit cube and back, lengths of steps (``space.py``, ``kernels/march.py``)."""
+"""Parts of kernels: world points to the unit cube, lengths of steps (``space.py``, ``kernels/march.py``)."""
 
 import math
 from dataclasses import dataclass

@@ -18,8 +18,8 @@ from mulan.radiance.torch_engine import EXPLORING_SHARE, OptimiserConfig
 class TritonEngine(RadianceEngine):
     """The field trained and rendered by Triton kernels.
 
-    Whatever device rays come from, answers go back to it. Random numbers are the native engine's, so both march the
-    same samples; sums into the table are taken in no fixed order, so two trainings agree to rounding only.
+    Random numbers are the native engine's, so both march the same samples. Sums into the table are taken in
+    no fixed order, so two trainings agree to rounding only.
     """
 
     def __init__(
