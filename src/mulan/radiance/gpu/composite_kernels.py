@@ -199,9 +199,12 @@ class GpuCompositor:
         rays = len(offsets) - 1
         scalars = torch.empty(3, rays, device=offsets.device).unbind(0)
         answers = RayAnswers(torch.empty(rays, 3, device=offsets.device), *scalars)
+        samples = (offsets, distance_m, density, colour, variance)
+        out = (answers.colour, answers.depth_m, answers.opacity, answers.variance)
         if rays:
             composite_kernel[(programs(rays, self._blocks.rays),)](
-                *(offsets, distance_m, density, colour, variance, answers.colour, *scalars),
+                *samples,
+                *out,
                 *(density if blend is None else blend, rays, colour.shape[1], *self._lengths),
                 self._scene.background,
                 UNBOUNDED=self._scene.unbounded,

@@ -197,14 +197,22 @@ class Marcher:
             yield from self.waves(origins[part], directions[part], trusted, first_ray + first)
 
     def _launch(
-        self, arrays: tuple[Tensor, ...], weighted: bool, first_ray: int, out: tuple[Tensor, ...], write: bool
+        self,
+        arrays: tuple[Tensor, Tensor, Tensor],
+        weighted: bool,
+        first_ray: int,
+        out: tuple[Tensor, Tensor, Tensor, Tensor, Tensor],
+        write: bool,
     ) -> None:
         rays, scene, blocks = len(arrays[0]), self.scene, self.config.blocks
         if rays == 0:
             return
+        origins, directions, weights = arrays
+        counts, offsets, ray, distance, unit = out
         march_kernel[(programs(rays, blocks.rays),)](
-            *(*arrays, self.occupied.view(torch.uint8), *out, rays, first_ray, *split_seed(self.seed or 0)),
-            *(out[-1].shape[-1], scene.steps, self.occupied.shape[0]),
+            *(origins, directions, weights, self.occupied.view(torch.uint8)),
+            *(counts, offsets, ray, distance, unit, rays, first_ray, *split_seed(self.seed or 0)),
+            *(unit.shape[-1], scene.steps, self.occupied.shape[0]),
             *(*scene.centre_m, scene.radius_m, scene.step_m, scene.near_m, scene.growth),
             UNBOUNDED=scene.unbounded,
             JITTERED=self.seed is not None,

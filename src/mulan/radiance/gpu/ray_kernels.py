@@ -92,7 +92,7 @@ def gather_kernel(
     R: tl.constexpr,
     S: tl.constexpr,
 ):
-    """Sums over each ray's samples of the gradients to its origin, direction, harmonics; distances as given."""
+    """Sums along each ray of the gradients to its origin, direction and harmonics, at given distances."""
     ray = tl.program_id(0) * R + tl.arange(0, R)
     on = ray < rays
     start = tl.load(offsets + ray, mask=on, other=0)
