@@ -38,7 +38,12 @@ def odd_rays(rng: np.random.Generator, n: int) -> NDArray:
 
 
 def run(
-    library: NativeLibrary, workspace: int, rng: np.random.Generator, unbounded: bool, steps: int
+    library: NativeLibrary,
+    workspace: int,
+    rng: np.random.Generator,
+    unbounded: bool,
+    steps: int,
+    cascades: int,
 ) -> None:
     c = library.functions
     n, side, levels, log2 = 300, 16, 3, 6
@@ -48,14 +53,15 @@ def run(
     field.resolution[:levels], field.dense[:levels] = [3, 9, 500], [1, 0, 0]
     field.level_weight[:levels] = [1.0] * levels
     scene = NativeScene(radius_m=1.0, near_radii=0.02, growth=4.8, min_transmittance=1e-4)
-    scene.unbounded, scene.steps, scene.occupancy_resolution = unbounded, steps, side
+    scene.unbounded, scene.steps = unbounded, steps
+    scene.occupancy_resolution, scene.cascades = side, cascades
     table = rng.normal(size=(levels, 2**log2, 2)).astype(np.float32)
     networks = rng.normal(size=c.mulan_network_parameters(field)).astype(np.float32)
-    occupied = (rng.random(side**3) < 0.5).astype(np.uint8)
-    words = np.zeros((side // 4) ** 3, np.uint64)
+    occupied = (rng.random(cascades * side**3) < 0.5).astype(np.uint8)
+    words = np.zeros(cascades * (side // 4) ** 3, np.uint64)
     occupancy = NativeOccupancy(words=at(words))
     bounds = ctypes.addressof(occupancy.lower), ctypes.addressof(occupancy.upper)
-    check(c.mulan_occupancy_pack(side, at(occupied), at(words), *bounds))
+    check(c.mulan_occupancy_pack(side, cascades, at(occupied), at(words), *bounds))
 
     rays6 = odd_rays(rng, n)
     origins, directions = np.ascontiguousarray(rays6[:, :3]), np.ascontiguousarray(rays6[:, 3:])
@@ -87,7 +93,7 @@ def run(
         arrays = at(table), at(networks)
         check(c.mulan_train_step(*context, *arrays, rays, objective, adam, *ray_gradients, report))
 
-    opacity = np.zeros(side**3, np.float32)
+    opacity = np.zeros(cascades * side**3, np.float32)
     cells = at(occupied), at(opacity)
     check(c.mulan_occupancy_refresh(workspace, field, scene, parameters, 0.95, 3, 2, 1, 5, *cells))
     points = np.ascontiguousarray(odd_rays(rng, 777)[:, :3])
@@ -106,9 +112,9 @@ def main() -> None:
     rng = np.random.default_rng(0)
     # one workspace throughout: what a call leaves in it must not harm one of other sizes
     workspace = library.functions.mulan_workspace_create(3)
-    for steps in (40, 300, 7, 500):
-        run(library, workspace, rng, unbounded=False, steps=steps)
-        run(library, workspace, rng, unbounded=True, steps=steps)
+    for steps, cascades in ((40, 1), (300, 2), (7, 3), (500, 1)):
+        run(library, workspace, rng, unbounded=False, steps=steps, cascades=cascades)
+        run(library, workspace, rng, unbounded=True, steps=steps, cascades=cascades)
     library.functions.mulan_workspace_destroy(workspace)
     print("clean")
 

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -25,9 +26,10 @@ def make_engine(
     warm_up: int = 6,
     threads: int = 0,
     update_untouched: bool = False,
+    march: MarchConfig = MARCH,
 ) -> NativeEngine:
     native = NativeConfig(threads, update_untouched, NativeGridConfig(warm_up_refreshes=warm_up))
-    return NativeEngine(FIELD, MARCH, space, True, seed=3, native=native, library=library)
+    return NativeEngine(FIELD, march, space, True, seed=3, native=native, library=library)
 
 
 def train(engine: NativeEngine | TorchEngine, steps: int, seed: int = 0) -> list[float]:
@@ -52,11 +54,14 @@ def test_a_small_scene_is_learnt(library: NativeLibrary) -> None:
     assert engine.density(outside)[1] == 0
 
 
+@pytest.mark.parametrize("cascades", [1, 2])
 @pytest.mark.parametrize("space", [BOX, WORLD], ids=["bounded", "unbounded"])
-def test_answers_are_the_torch_engines(library: NativeLibrary, space: SceneSpace) -> None:
-    native = make_engine(library, space)
+def test_answers_are_the_torch_engines(library: NativeLibrary, space: SceneSpace, cascades: int) -> None:
+    march = replace(MARCH, cascades=cascades)
+    native = make_engine(library, space, warm_up=1, march=march)
     train(native, 20)
-    torch_engine = TorchEngine(FIELD, MARCH, space, True)
+    assert native.state()["occupancy.occupied"].float().mean() < 1
+    torch_engine = TorchEngine(FIELD, march, space, True)
     torch_engine.load_state(native.state())
     o, d = rays_around(300, torch.Generator().manual_seed(1))
     got, want = native.render(o, d), torch_engine.render(o, d)

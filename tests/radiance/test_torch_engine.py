@@ -59,7 +59,7 @@ def test_density_is_high_on_the_surface_and_zero_outside_the_box(trained):
 
 
 def test_occupancy_drops_empty_cells_and_keeps_the_cube(trained):
-    occupied = trained.state()["occupancy.occupied"]
+    occupied = trained.state()["occupancy.occupied"][0]
     assert occupied.float().mean() < 0.6
     assert occupied[4:12, 4:12, 11].float().mean() > 0.9  # cells of the face x = 0.5 from inside
 

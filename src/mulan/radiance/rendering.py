@@ -42,7 +42,7 @@ def evaluate_rays(
     field: RadianceField,
     space: SceneSpace,
     march: MarchConfig,
-    occupied: Bool[Tensor, "z y x"],
+    occupied: Bool[Tensor, "k z y x"],
     origins: Float[Tensor, "r 3"],
     directions: Float[Tensor, "r 3"],
     jitter: Float[Tensor, "r"],

@@ -48,7 +48,7 @@ _SIGNATURES = {
     "mulan_occupancy_refresh": [
         *(_WORKSPACE, _FIELD, _SCENE, _PARAMETERS, c_float, c_int32, c_int32, c_int32, c_uint64, _AT, _AT),
     ],
-    "mulan_occupancy_pack": [c_int32, _AT, _AT, _AT, _AT],
+    "mulan_occupancy_pack": [c_int32, c_int32, _AT, _AT, _AT, _AT],
     "mulan_pose_gradients": [c_int64, _AT, _AT, _AT, _AT, c_int64, _AT, _AT],
     "mulan_encode": [_FIELD, _AT, c_int64, _AT, _AT],
     "mulan_encode_backward": [_FIELD, _AT, c_int64, _AT, _AT, _AT, _AT],

@@ -3,7 +3,7 @@
 import ctypes
 from ctypes import c_double, c_float, c_int32, c_int64, c_uint64, c_void_p
 
-ABI_VERSION = 2
+ABI_VERSION = 3
 MAX_LEVELS = 32
 
 
@@ -38,6 +38,7 @@ class NativeScene(ctypes.Structure):
         ("unbounded", c_int32),
         ("steps", c_int32),
         ("occupancy_resolution", c_int32),
+        ("cascades", c_int32),
     )
 
 

@@ -26,7 +26,9 @@ bool valid(const MulanField* f) {
 bool valid(const MulanScene* s) {
     if (!s || !(s->radius_m > 0) || !std::isfinite(s->radius_m)) return false;
     if (s->steps < 1 || s->steps > (1 << 16)) return false;
-    return s->occupancy_resolution >= 4 && s->occupancy_resolution <= 512 && s->occupancy_resolution % 4 == 0;
+    if (s->cascades < 1 || s->cascades > MULAN_MAX_CASCADES) return false;
+    const int whole = s->cascades > 1 ? 16 : 4;  // a word's cells must not straddle a finer cascade's rim
+    return s->occupancy_resolution >= 4 && s->occupancy_resolution <= 512 && s->occupancy_resolution % whole == 0;
 }
 
 bool valid(const MulanOccupancy* o) { return o && o->words; }
