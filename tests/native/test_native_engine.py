@@ -58,8 +58,8 @@ def test_a_small_scene_is_learnt(library: NativeLibrary) -> None:
 @pytest.mark.parametrize("space", [BOX, WORLD], ids=["bounded", "unbounded"])
 def test_answers_are_the_torch_engines(library: NativeLibrary, space: SceneSpace, cascades: int) -> None:
     march = replace(MARCH, cascades=cascades)
-    native = make_engine(library, space, warm_up=1, march=march)
-    train(native, 20)
+    native = make_engine(library, space, march=march)
+    train(native, 100)
     assert native.state()["occupancy.occupied"].float().mean() < 1
     torch_engine = TorchEngine(FIELD, march, space, True)
     torch_engine.load_state(native.state())

@@ -30,6 +30,9 @@ struct March {
                __builtin_sqrtf(scene.radius_m * scene.radius_m + beyond * beyond);
     }
 
+    // Opacity below which a sample counts as empty.
+    float thinnest() const { return scene.unbounded ? occupancy.least_opacity : 0.0f; }
+
     // Where a unit point lies: the finest cascade that holds it, magnified so often, and its cell there.
     struct Cell {
         int at[3], bit;

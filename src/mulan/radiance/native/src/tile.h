@@ -90,41 +90,37 @@ inline void evaluate_density(const Evaluation& e, Tile& t, int n) {
     }
 }
 
-// Samples thinner than a bound let all light pass, as they do while learning.
-inline void empty_thin_samples(Tile& t, int n, float least_opacity) {
-    for (int k = 0; k < n; ++k)
-        if (t.alpha[k] < least_opacity) {
-            t.alpha[k] = 0;
-            t.passed[k] = 1;
-        }
-}
-
 inline void copy_row(float* rows, int width, int to, int from) {
     for (int i = 0; i < width; i += lanes)
         store(rows + (int64_t)to * width + i, load(rows + (int64_t)from * width + i));
 }
 
 // Blends every ray's samples and closes the gaps that the dropped ones leave; returns how many samples are left.
+// Dropped are those that no light reaches and those thinner than a bound, which let all light pass.
 // Rays start with t.transmittance, which is updated; t.first and t.kept describe what is left.
-inline int drop_unreached(const Evaluation& e, Tile& t, int rays) {
+inline int drop_unreached(const Evaluation& e, Tile& t, int rays, float least_opacity = 0) {
     const Networks& net = e.networks;
     int left = 0;
     for (int slot = 0; slot < rays; ++slot) {
-        const int from = t.first[slot], to = left;
-        const int kept = blend_ray(t.count[slot], t.alpha + from, t.passed + from, e.scene.min_transmittance,
-                                   t.transmittance[slot], t.blend + to, t.reach_after + to);
-        t.first[slot] = to;
-        t.kept[slot] = kept;
-        left += kept;
-        if (from == to) continue;
-        float* const columns[] = {t.x, t.y, t.z, t.t, t.step, t.depth};
-        for (int k = 0; k < kept; ++k) {
-            for (float* column : columns) column[to + k] = column[from + k];
-            t.ray[to + k] = t.ray[from + k];
-            copy_row(t.encoded, net.encoded, to + k, from + k);
-            copy_row(t.hidden, net.width, to + k, from + k);
-            copy_row(t.geometry, net.geometry, to + k, from + k);
+        const int from = t.first[slot], end = from + t.count[slot];
+        float& transmittance = t.transmittance[slot];
+        t.first[slot] = left;
+        for (int k = from; k < end && transmittance > e.scene.min_transmittance; ++k) {
+            if (t.alpha[k] < least_opacity) continue;
+            t.blend[left] = transmittance * t.alpha[k];
+            transmittance *= t.passed[k];
+            t.reach_after[left] = transmittance;
+            if (left != k) {
+                float* const columns[] = {t.x, t.y, t.z, t.t, t.step, t.depth};
+                for (float* column : columns) column[left] = column[k];
+                t.ray[left] = t.ray[k];
+                copy_row(t.encoded, net.encoded, left, k);
+                copy_row(t.hidden, net.width, left, k);
+                copy_row(t.geometry, net.geometry, left, k);
+            }
+            ++left;
         }
+        t.kept[slot] = left - t.first[slot];
     }
     return left;
 }
