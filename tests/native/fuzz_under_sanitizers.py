@@ -15,6 +15,7 @@ from mulan.radiance.kernels.native_structures import (
     NativeObjective,
     NativeOccupancy,
     NativeParameters,
+    NativePoses,
     NativeRays,
     NativeRendering,
     NativeScene,
@@ -82,16 +83,20 @@ def run(
     check(c.mulan_sample(*context, parameters, rays, at(offsets), *(at(x) for x in samples)))
 
     gradients = [np.zeros_like(x) for x in (table, networks, origins, directions)]
-    objective = NativeObjective(at(colours), at(weights), None, 0.1, 1.0)
+    behind = rng.random((n, 3), np.float32)
+    objective = NativeObjective(at(colours), at(weights), None, at(behind), 0.1, 1.0)
+    objective.likelihood, objective.distortion_weight, objective.entropy_weight = cascades == 2, 0.1, 0.1
+    index = rng.integers(0, 4, n)
+    rotations, to_poses = rng.normal(size=(4, 3, 3)).astype(np.float32), np.zeros((4, 6), np.float32)
+    poses = NativePoses(4, at(index), at(rotations), at(to_poses))
     report = NativeStepReport()
     wanted = NativeGradients(*(at(x) for x in gradients))
     check(c.mulan_gradients(*context, parameters, rays, objective, wanted, rendering, report))
     moments = [np.zeros_like(x) for x in (table, table, networks, networks)]
     adam = NativeAdam(*(at(x) for x in moments), 1e-2, 1e-2, 0.9, 0.99, 1e-15, 1, 1)
-    ray_gradients = at(gradients[2]), at(gradients[3])
-    for _ in range(3):
+    for wanted_here in ((at(gradients[2]), at(gradients[3]), None), (None, None, poses), (None, None, None)):
         arrays = at(table), at(networks)
-        check(c.mulan_train_step(*context, *arrays, rays, objective, adam, *ray_gradients, report))
+        check(c.mulan_train_step(*context, *arrays, rays, objective, adam, *wanted_here, report))
 
     opacity = np.zeros(cascades * side**3, np.float32)
     cells = at(occupied), at(opacity)

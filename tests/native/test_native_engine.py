@@ -10,6 +10,7 @@ from mulan.radiance.kernels.native_grid import NativeGridConfig
 from mulan.radiance.kernels.native_library import NativeLibrary
 from mulan.radiance.native_engine import NativeConfig, NativeEngine
 from mulan.radiance.ray_gradients import pose_gradients
+from mulan.radiance.rendering import evaluate_rays
 from mulan.radiance.space import SceneSpace
 from mulan.radiance.torch_engine import TorchEngine
 from tests.native.spheres import batch_around, colours_seen, rays_around
@@ -138,9 +139,68 @@ def test_ray_gradients_of_a_step_are_those_before_it(library: NativeLibrary) -> 
     assert engine.train_step(batch, 1.0) == report
     assert states_equal(engine.state(), after)
     assert gradients.origins.abs().sum() > 0
-    R = torch.eye(3).expand(2, 3, 3)
-    poses = pose_gradients(library, gradients, batch.directions, torch.arange(50) % 2, R)
-    torch.testing.assert_close(poses[:, 3:].sum(0), gradients.origins.sum(0), rtol=1e-4, atol=1e-6)
+
+
+def test_pose_gradients_of_a_step_are_those_of_its_rays_bit_for_bit(library: NativeLibrary) -> None:
+    g = torch.Generator().manual_seed(8)
+    batch = replace(batch_around(700, g), image_index=torch.arange(700) % 3)
+    batch.weights[::5] = 0.0
+    R = torch.linalg.qr(torch.randn(3, 3, 3, generator=g)).Q.contiguous()
+    answers = []
+    for threads in (1, 3):
+        engine = make_engine(library, threads=threads)
+        train(engine, 20)
+        before = engine.state()
+        report, poses = engine.train_step_with_pose_gradients(batch, 1.0, R)
+        after = engine.state()
+        engine.load_state(before)
+        by_rays, rays = engine.train_step_with_ray_gradients(batch, 1.0)
+        assert report == by_rays
+        assert states_equal(after, engine.state())
+        assert torch.equal(poses, pose_gradients(library, rays, batch.directions, batch.image_index, R))
+        answers.append(poses)
+    assert torch.equal(answers[0], answers[1])
+    assert bool((answers[0].abs().sum(1) > 0).all())
+
+
+@pytest.mark.parametrize("space", [BOX, WORLD], ids=["bounded", "unbounded"])
+def test_pose_gradients_are_autograds_of_the_torch_engine_in_double_precision(
+    library: NativeLibrary, space: SceneSpace
+) -> None:
+    native = make_engine(library, space)
+    train(native, 40)
+    torch_engine = TorchEngine(FIELD, MARCH, space, True)
+    torch_engine.load_state(native.state())
+    g = torch.Generator().manual_seed(4)
+    o, d = rays_around(200, g)
+    image = torch.arange(200) % 3
+    R = torch.linalg.qr(torch.randn(3, 3, 3, generator=g)).Q.contiguous()
+    to_colour = torch.randn(200, 3, generator=g)
+    _, rays = native.ray_gradients(o, d, to_colour)
+    got = pose_gradients(library, rays, d, image, R)
+
+    field, occupied = torch_engine.field.double(), torch_engine.state()["occupancy.occupied"]
+    xi = torch.zeros(3, 6, dtype=torch.float64, requires_grad=True)
+    turn, shift = (torch.einsum("iab,ib->ia", R.double(), part)[image] for part in xi.split(3, 1))
+    origins = o.double() + shift
+    directions = d.double() + torch.cross(turn, d.double(), dim=-1)
+    middle = torch.full((200,), 0.5, dtype=torch.float64)
+    samples = evaluate_rays(field, space, MARCH, occupied, origins, directions, middle)
+    assert samples.marched > 1000
+    c = samples.composite(200)
+    ((c.colour + 1 - c.opacity[:, None]) * to_colour.double()).sum().backward()
+    assert xi.grad is not None
+    # near a cell's wall single precision may take the neighbour's slope
+    assert float((got - xi.grad).norm() / xi.grad.norm()) < 1e-2
+
+
+def test_a_ray_of_an_unknown_image_is_refused_and_nothing_is_changed(library: NativeLibrary) -> None:
+    engine = make_engine(library)
+    before = engine.state()["table"]
+    batch = replace(batch_around(50, torch.Generator().manual_seed(0)), image_index=torch.full((50,), 2))
+    with pytest.raises(ValueError, match="refused"):
+        engine.train_step_with_pose_gradients(batch, 1.0, torch.eye(3).expand(2, 3, 3))
+    assert torch.equal(engine.state()["table"], before)
 
 
 def test_rays_of_weight_zero_change_nothing(library: NativeLibrary) -> None:

@@ -36,9 +36,7 @@ def test_full_cascades_give_the_samples_of_one_full_grid():
     directions = torch.nn.functional.normalize(torch.rand(50, 3, generator=g) - 0.5 - origins, dim=-1)
     one = MarchConfig(steps=64, occupancy_resolution=16)
     jitter = torch.rand(50, generator=g)
-    a, b = (
-        march_rays(origins, directions, BOX, m, consulted_cells(m), jitter) for m in (one, MARCH)
-    )
+    a, b = (march_rays(origins, directions, BOX, m, consulted_cells(m), jitter) for m in (one, MARCH))
     assert torch.equal(a.distance_m, b.distance_m)
 
 
@@ -64,7 +62,9 @@ def test_cells_that_are_not_consulted_stay_off():
 
 def test_a_state_with_another_number_of_cascades_is_refused_by_name():
     field = FieldConfig(levels=2, log2_table_size=8, finest_resolution=32)
-    one, three = (TorchEngine(field, MarchConfig(occupancy_resolution=16, cascades=k), BOX, True) for k in (1, 3))
+    one, three = (
+        TorchEngine(field, MarchConfig(occupancy_resolution=16, cascades=k), BOX, True) for k in (1, 3)
+    )
     with pytest.raises(ValueError, match=r"'occupancy.opacity' has shape \(1, 16, 16, 16\)"):
         three.load_state(one.state())
     old = one.state()
@@ -73,7 +73,9 @@ def test_a_state_with_another_number_of_cascades_is_refused_by_name():
         one.load_state(old)
 
 
-@pytest.mark.parametrize("options", [{"cascades": 0}, {"cascades": 9}, {"cascades": 2, "occupancy_resolution": 24}])
+@pytest.mark.parametrize(
+    "options", [{"cascades": 0}, {"cascades": 9}, {"cascades": 2, "occupancy_resolution": 24}]
+)
 def test_grids_that_do_not_nest_are_refused(options):
     with pytest.raises(ValueError, match="cascades"):
         MarchConfig(**options)

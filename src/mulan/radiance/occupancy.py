@@ -16,8 +16,8 @@ CELLS_A_REFRESH = 2**15
 class OccupancyGrid:
     """A decaying maximum of each cell's opacity over one step (instant-ngp, section E).
 
-    All cells that are consulted are on until ``warm_up`` refreshes have seen the field. A refresh touches a random eighth or so
-    of the cells: half drawn from all, half from those that are on.
+    All cells that are consulted are on until ``warm_up`` refreshes have seen the field. A refresh touches a
+    random eighth or so of the cells: half drawn from all, half from those that are on.
 
     Attributes:
         opacity: Running maximum of density times step, indexed [cascade, z, y, x], finest cascade first.

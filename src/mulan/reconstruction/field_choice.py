@@ -24,6 +24,6 @@ def choose_field(longest_side: int, views: int, unbounded: bool) -> FieldConfig:
     )
 
 
-def choose_march(longest_side: int) -> MarchConfig:
+def choose_march(longest_side: int, unbounded: bool) -> MarchConfig:
     """256 steps for small pictures, 384 for larger ones."""
     return MarchConfig(steps=256 if longest_side <= 160 else 384)

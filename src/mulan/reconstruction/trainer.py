@@ -95,7 +95,9 @@ def train(
     test = load_captured(images.test, config.image_size)
     space = choose_space(captured)
     field = config.field or choose_field(config.image_size, len(captured), space.unbounded)
-    description = FieldDescription(field, choose_march(config.image_size), space, not space.unbounded)
+    description = FieldDescription(
+        field, choose_march(config.image_size, space.unbounded), space, not space.unbounded
+    )
     data = ImageTensors(captured, weighting.weight_maps(captured, space))
     if not data.drawable_pixels:
         raise InputError(images.source, "weights", "are zero everywhere", "use weights that keep some images")
@@ -169,7 +171,7 @@ class _Loop:
         error = report.mean_squared_error
         if s.mean_squared_error is not None:
             error = SMOOTHING * s.mean_squared_error + (1 - SMOOTHING) * error
-        rays = _next_rays(s.rays, report.samples, self._config.batch_samples)
+        rays = next_rays(s.rays, report.samples, self._config.batch_samples)
         samples = s.samples + report.samples
         self.state = Progress(s.steps + 1, seconds, rays, samples, report.loss, error, s.history)
 
@@ -220,7 +222,7 @@ def _identity(
     }
 
 
-def _next_rays(rays: int, samples: int, target: int) -> int:
+def next_rays(rays: int, samples: int, target: int) -> int:
     """Rays that would have met the target, at most doubled or halved at a time."""
     wanted = int(rays * target / max(samples, 1))
     return max(32, min(max(wanted, rays // 2), rays * 2, MAX_RAYS))

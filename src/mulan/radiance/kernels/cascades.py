@@ -1,7 +1,7 @@
 """Nested occupancy grids about the centre of the unit cube, each twice as wide as the one inside it.
 
-Cascade k of K covers the cube of side ``2^(k + 1 - K)``; the last covers everything. A point is looked up in the
-finest cascade that holds it (instant-ngp, section E), so the inner half of every wider one is never consulted.
+Cascade k of K covers the cube of side ``2^(k + 1 - K)``; the last covers everything. A point is looked up in
+the finest cascade that holds it (instant-ngp, section E), so the middle of a wider one is never consulted.
 """
 
 from collections.abc import Sequence
@@ -35,9 +35,7 @@ def cell_at(unit: Sequence[Float[Tensor, "*b"]], cascades: int, side: int) -> In
         norm = torch.stack([(u - 0.5).abs() for u in unit]).amax(0)
         for finer in range(1, cascades):
             magnification = torch.where(norm < 0.5**finer / 2, 2.0**finer, magnification)
-    x, y, z = (
-        (((u - 0.5) * magnification + 0.5) * side).to(torch.int32).clamp_(0, side - 1) for u in unit
-    )
+    x, y, z = ((((u - 0.5) * magnification + 0.5) * side).to(torch.int32).clamp_(0, side - 1) for u in unit)
     cascade = cascades - 1 - magnification.log2().round().to(torch.int32)
     return cascade.mul_(side).add_(z).mul_(side).add_(y).mul_(side).add_(x)
 

@@ -57,6 +57,16 @@ def unbounded_step_m(
     return k / step_count(march) * torch.sqrt(radius_m**2 + (distance_m - NEAR_RADII * radius_m) ** 2)
 
 
+def fraction_of_ray(
+    distance_m: Float[Tensor, "*b"], march: MarchConfig, space: SceneSpace
+) -> Float[Tensor, "*b"]:
+    """Distance in units in which all ``step_count`` steps of a ray are equally long and make 1 together."""
+    if space.unbounded:
+        growth = math.asinh(FAR_RADII - NEAR_RADII)
+        return torch.asinh(distance_m / space.radius_m - NEAR_RADII) / growth
+    return distance_m / (bounded_step_m(march, space) * step_count(march))
+
+
 def march_rays(
     origins: Float[Tensor, "r 3"],
     directions: Float[Tensor, "r 3"],

@@ -54,6 +54,11 @@ class NativeGrid:
         self._march, self._config, self._c = march, config, functions
         self._pack()
 
+    @property
+    def occupied_share(self) -> float:
+        """Share of the consulted cells that are on."""
+        return float(self.occupied.sum() / self._consulted.sum())
+
     def refresh(
         self, workspace: int, field: NativeField, scene: NativeScene, parameters: NativeParameters, seed: int
     ) -> None:

@@ -69,9 +69,21 @@ typedef struct {
     const float* colours;          // [r, 3]
     const float* weights;          // [r]; 0 ignores the ray
     const float* colour_gradient;  // [r, 3] or null; given: dLoss/dcolour, and colours and weights are not read
+    const float* backgrounds;      // [r, 3] or null: behind each ray, instead of the scene's
     float huber_delta;             // 0: squared error; else Huber's loss with this corner
-    float variance_weight;         // weight of the variance head's likelihood
+    float variance_weight;         // weight of the variance head's likelihood, which trains the head alone
+    int32_t likelihood;            // 1: the colour's cost is that likelihood, and it reaches everything
+    float distortion_weight;       // of the distortion along each ray (mip-NeRF 360, eq. 15)
+    float entropy_weight;          // of the entropy of each ray's opacity
 } MulanObjective;
+
+// Where the gradient to the poses of the cameras goes.
+typedef struct {
+    int64_t images;
+    const int64_t* image_index;   // [r]
+    const float* R_world_camera;  // [images, 3, 3]
+    float* gradient;              // [images, 6]: to a right perturbation (rotation, translation)
+} MulanPoses;
 
 // Where gradients go; null where they are not wanted.
 typedef struct {
@@ -118,11 +130,12 @@ MULAN_API void mulan_workspace_destroy(MulanWorkspace*);
 MULAN_API int64_t mulan_workspace_bytes(const MulanWorkspace*);
 MULAN_API int64_t mulan_network_parameters(const MulanField*);
 
-// One optimiser step; parameters and moments change in place. Ray gradients are filled where asked for.
+// One optimiser step; parameters and moments change in place. The gradients of its loss, as it was before the step,
+// to rays and to camera poses are filled where asked for (null: not wanted).
 MULAN_API int32_t mulan_train_step(MulanWorkspace*, const MulanField*, const MulanScene*, const MulanOccupancy*,
                                    float* table, float* networks, const MulanRays*, const MulanObjective*,
                                    const MulanAdam*, float* origin_gradient, float* direction_gradient,
-                                   MulanStepReport*);
+                                   const MulanPoses*, MulanStepReport*);
 // The same gradients without the update.
 MULAN_API int32_t mulan_gradients(MulanWorkspace*, const MulanField*, const MulanScene*, const MulanOccupancy*,
                                   const MulanParameters*, const MulanRays*, const MulanObjective*,
@@ -147,10 +160,9 @@ MULAN_API int32_t mulan_occupancy_refresh(MulanWorkspace*, const MulanField*, co
 MULAN_API int32_t mulan_occupancy_pack(int32_t resolution, int32_t cascades, const uint8_t* occupied, uint64_t* words,
                                        float* lower, float* upper);
 
-// Sum over an image's rays of the gradient to a right perturbation (rotation, translation) of its camera pose.
+// From gradients to rays to those of the poses they start from, summed in the order of the rays.
 MULAN_API int32_t mulan_pose_gradients(int64_t rays, const float* directions, const float* origin_gradient,
-                                       const float* direction_gradient, const int64_t* image_index, int64_t images,
-                                       const float* R_world_camera, float* gradient);
+                                       const float* direction_gradient, const MulanPoses*);
 
 // The operations one by one, as tests compare them with the reference.
 MULAN_API int32_t mulan_encode(const MulanField*, const float* table, int64_t n, const float* unit_points,

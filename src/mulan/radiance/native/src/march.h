@@ -30,6 +30,12 @@ struct March {
                __builtin_sqrtf(scene.radius_m * scene.radius_m + beyond * beyond);
     }
 
+    // Distance in units in which all steps of a ray are equally long and make 1 together.
+    float fraction(float t) const {
+        if (!scene.unbounded) return t / (bounded_step_m * (float)scene.steps);
+        return __builtin_asinhf(t / scene.radius_m - scene.near_radii) / scene.growth;
+    }
+
     // Opacity below which a sample counts as empty.
     float thinnest() const { return scene.unbounded ? occupancy.least_opacity : 0.0f; }
 

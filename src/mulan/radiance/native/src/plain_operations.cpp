@@ -1,7 +1,7 @@
 // Operations that gain nothing from wide vectors: compiled once.
 #include <cmath>
 
-#include "../include/mulan_native.h"
+#include "workspace.h"
 
 int32_t mulan_occupancy_pack(int32_t side, int32_t cascades, const uint8_t* occupied, uint64_t* words, float* lower,
                              float* upper) {
@@ -41,11 +41,10 @@ int32_t mulan_occupancy_pack(int32_t side, int32_t cascades, const uint8_t* occu
 // The camera at T moves to T exp(rotation, translation): an origin moves by R translation and a direction turns by
 // R rotation, so in the world frame the gradients are the sum of the origins' and the sum of direction x gradient.
 int32_t mulan_pose_gradients(int64_t rays, const float* directions, const float* origin_gradient,
-                             const float* direction_gradient, const int64_t* image_index, int64_t images,
-                             const float* R_world_camera, float* gradient) {
-    if (rays < 0 || images < 0 || !gradient) return MULAN_BAD_ARGUMENT;
-    for (int64_t i = 0; i < rays; ++i)
-        if (image_index[i] < 0 || image_index[i] >= images) return MULAN_BAD_ARGUMENT;
+                             const float* direction_gradient, const MulanPoses* poses) {
+    if (!mulan::valid(poses, rays)) return MULAN_BAD_ARGUMENT;
+    const int64_t images = poses->images, *image_index = poses->image_index;
+    float* gradient = poses->gradient;
     for (int64_t i = 0; i < 6 * images; ++i) gradient[i] = 0;
     for (int64_t i = 0; i < rays; ++i) {
         const float *d = directions + 3 * i, *g = direction_gradient + 3 * i, *o = origin_gradient + 3 * i;
@@ -56,7 +55,7 @@ int32_t mulan_pose_gradients(int64_t rays, const float* directions, const float*
         for (int a = 0; a < 3; ++a) sum[3 + a] += o[a];
     }
     for (int64_t i = 0; i < images; ++i) {
-        const float* R = R_world_camera + 9 * i;
+        const float* R = poses->R_world_camera + 9 * i;
         for (int part = 0; part < 2; ++part) {
             float* v = gradient + 6 * i + 3 * part;
             const float world[3] = {v[0], v[1], v[2]};
