@@ -8,7 +8,9 @@ from mulan.radiance.config import FieldConfig, MarchConfig
 from mulan.radiance.engine import RayBatch
 from mulan.radiance.kernels.native_grid import NativeGridConfig
 from mulan.radiance.kernels.native_library import NativeLibrary
+from mulan.radiance.loss import ColourLoss
 from mulan.radiance.native_engine import NativeConfig, NativeEngine
+from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.radiance.ray_gradients import pose_gradients
 from mulan.radiance.rendering import evaluate_rays
 from mulan.radiance.space import SceneSpace
@@ -192,6 +194,34 @@ def test_pose_gradients_are_autograds_of_the_torch_engine_in_double_precision(
     assert xi.grad is not None
     # near a cell's wall single precision may take the neighbour's slope
     assert float((got - xi.grad).norm() / xi.grad.norm()) < 1e-2
+
+
+def test_random_backgrounds_are_learnt_before_as_by_the_torch_engine(library: NativeLibrary) -> None:
+    optimiser = OptimiserConfig(random_background=True)
+    native = NativeEngine(FIELD, MARCH, BOX, True, 3, optimiser, NativeConfig(update_untouched=True), library)
+    torch_engine = TorchEngine(FIELD, MARCH, BOX, True, 3, optimiser)
+    g = torch.Generator().manual_seed(0)
+    losses = []
+    for _ in range(25):
+        batch = batch_around(400, g)
+        hit = (batch.colours < 1).any(-1).float()
+        with_opacity = replace(batch, opacity=hit)
+        losses.append([e.train_step(with_opacity, 1.0).loss for e in (native, torch_engine)])
+    got, want = torch.tensor(losses)[-8:].sum(0).tolist()
+    # jitter and backgrounds differ, so the losses agree in the mean only
+    assert got == pytest.approx(want, rel=0.15)
+    with pytest.raises(ValueError, match="opacity"):
+        native.train_step(batch_around(10, g), 1.0)
+
+
+def test_a_loss_the_library_does_not_know_is_refused(library: NativeLibrary) -> None:
+    class Other(ColourLoss):
+        def __call__(self, error, variance):
+            return error.abs().mean(-1)
+
+    engine = NativeEngine(FIELD, MARCH, BOX, True, 3, OptimiserConfig(loss=Other()), library=library)
+    with pytest.raises(ValueError, match="does not know"):
+        engine.train_step(batch_around(10, torch.Generator()), 1.0)
 
 
 def test_a_ray_of_an_unknown_image_is_refused_and_nothing_is_changed(library: NativeLibrary) -> None:
