@@ -12,10 +12,11 @@ from mulan.errors import InputError
 from mulan.mission.posed_images import PosedImageSet
 from mulan.mission.run_folder import RunFolder, write_json
 from mulan.radiance.engine import RadianceEngine
+from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.reconstruction.captured_image import CapturedImage, load_captured
 from mulan.reconstruction.checkpoint import Progress, read_checkpoint, write_checkpoint
 from mulan.reconstruction.dataset import ImageTensors
-from mulan.reconstruction.field_choice import choose_field, choose_march
+from mulan.reconstruction.field_choice import choose_field, choose_march, choose_optimiser
 from mulan.reconstruction.field_file import FieldDescription, save_field
 from mulan.reconstruction.held_out import psnr_db
 from mulan.reconstruction.scene_space import choose_space
@@ -101,8 +102,10 @@ def train(
     data = ImageTensors(captured, weighting.weight_maps(captured, space))
     if not data.drawable_pixels:
         raise InputError(images.source, "weights", "are zero everywhere", "use weights that keep some images")
-    engine = description.new_engine(config.seed)
-    loop = _Loop(config, engine, data, test, run, _identity(config, weighting, description, data))
+    optimiser = choose_optimiser(space.unbounded)
+    engine = description.new_engine(config.seed, optimiser)
+    identity = _identity(config, weighting, description, optimiser, data)
+    loop = _Loop(config, engine, data, test, run, identity)
     loop.run_to_end(progress)
     state = loop.state
     save_field(run.field, engine, description)
@@ -208,7 +211,11 @@ def _check(images: PosedImageSet, config: TrainConfig) -> None:
 
 
 def _identity(
-    config: TrainConfig, weighting: Weighting, description: FieldDescription, data: ImageTensors
+    config: TrainConfig,
+    weighting: Weighting,
+    description: FieldDescription,
+    optimiser: OptimiserConfig,
+    data: ImageTensors,
 ) -> dict[str, Any]:
     """What must be the same for a training to be resumed; how often it reports may change."""
     options = asdict(config)
@@ -218,6 +225,7 @@ def _identity(
         **options,
         "weighting": f"{weighting}",
         "description": description.to_json(),
+        "optimiser": f"{optimiser}",
         "images": data.fingerprint(),
     }
 
