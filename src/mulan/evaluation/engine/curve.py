@@ -6,7 +6,15 @@ from collections.abc import Sequence
 PsnrCurve = Sequence[tuple[float, float]]
 """(seconds on the training clock, mean PSNR over all held-out views [dB]) in order of time."""
 
+ViewCurve = Sequence[tuple[float, Sequence[float]]]
+"""(seconds on the training clock, PSNR of every held-out view [dB]) in order of time."""
+
 THRESHOLD_DB = 28.0  # the quality whose price in seconds is compared
+
+
+def curve_on_views(curve: ViewCurve, every_nth: int) -> list[tuple[float, float]]:
+    """The mean over views 0, n, 2n, ... only; 1 for all."""
+    return [(seconds, sum(psnr[::every_nth]) / len(psnr[::every_nth])) for seconds, psnr in curve]
 
 
 def evaluation_times_s(budget_s: float, points: int, first_s: float) -> tuple[float, ...]:
@@ -18,11 +26,16 @@ def evaluation_times_s(budget_s: float, points: int, first_s: float) -> tuple[fl
 
 
 def seconds_to_psnr(curve: PsnrCurve, threshold_db: float) -> float | None:
-    """First scored moment at or above the threshold, on the training clock; None if it never got there.
-
-    Nothing is interpolated, so a coarser curve can only make a method look slower.
-    """
-    return next((seconds for seconds, psnr_db in curve if psnr_db >= threshold_db), None)
+    """When a curve first reaches a quality, linear between its points; None if it never does."""
+    before: tuple[float, float] | None = None
+    for seconds, psnr_db in curve:
+        if psnr_db >= threshold_db:
+            if before is None:
+                return seconds
+            share = (threshold_db - before[1]) / (psnr_db - before[1])
+            return before[0] + share * (seconds - before[0])
+        before = (seconds, psnr_db)
+    return None
 
 
 def fastest_to_psnr(curves: Sequence[PsnrCurve], threshold_db: float) -> float | None:

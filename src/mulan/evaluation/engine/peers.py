@@ -1,8 +1,9 @@
 """Other people's trainers on the same photographs: each runs under a Python of its own, as a subprocess.
 
 A runner is ``<folder>/<peer>.py`` (dashes or underscores) and takes ``--data SET --image-size N --budget-s T
---out result.json [--split fox]``. It writes ``name``, ``version``, ``psnr_curve`` ([[seconds on the training
-clock, mean PSNR over all held-out views], ...]), ``rays_per_s``, ``samples_per_s``, ``notes``.
+--out result.json --eval-every-nth-view K --first-eval-s S`` and holds out every 8th frame of a set without test
+views. It writes ``name``, ``version``, ``psnr_curve`` ([[seconds on the training clock, mean PSNR over held-out
+views 0, K, 2K, ...], ...]), ``rays_per_s``, ``samples_per_s``, ``notes`` (``eval_every_nth_view``: K).
 """
 
 import json
@@ -36,6 +37,10 @@ class PeerConfig:
     """Seconds of training on the object."""
     fox_budget_s: float = 60.0
     """Seconds of training on the real place."""
+    every_nth_view: int = 10
+    """Test views of the object it is scored on (0, n, 2n, ...), as peers render slowly; ours is then too."""
+    fox_every_nth_view: int = 4
+    """The same for the real place."""
     timeout_s: float = 900.0
     """Seconds after which a runner is stopped, its evaluations and start included."""
 
@@ -48,11 +53,15 @@ class PeerTask:
         peer: Its name.
         scene: What it learns.
         budget_s: Seconds on its training clock.
+        every_nth_view: Test views it is scored on.
+        first_score_s: When it is first scored; the runner spaces the rest.
     """
 
     peer: str
     scene: EngineScene
     budget_s: float
+    every_nth_view: int
+    first_score_s: float
 
 
 def why_no_peers(config: PeerConfig) -> str | None:
@@ -97,11 +106,11 @@ def run_peer(
     out, log = folder / f"{stem}.json", folder / f"{stem}.log"
     folder.mkdir(parents=True, exist_ok=True)
     out.unlink(missing_ok=True)
-    split = ["--split", "fox"] if task.scene.name.startswith("fox") else []
     command = [
         *(str(config.python), str(runner.resolve()), "--data", str(task.scene.data.resolve())),
         *("--image-size", str(task.scene.image_size), "--budget-s", f"{task.budget_s:g}"),
-        *("--out", str(out.resolve()), *split),
+        *("--eval-every-nth-view", str(task.every_nth_view), "--first-eval-s", f"{task.first_score_s:g}"),
+        *("--out", str(out.resolve())),
     ]
     failure = _run(command, log, config.timeout_s, task.budget_s, progress)
     if failure is not None:

@@ -8,6 +8,7 @@ from mulan.errors import InputError
 from mulan.evaluation.engine.listener import Listener
 from mulan.evaluation.engine.peers import PeerConfig, PeerTask, run_peer, why_no_peers
 from mulan.evaluation.engine.picture import draw_curves
+from mulan.evaluation.engine.same_views import ours_on_same_views
 from mulan.evaluation.engine.scene_result import measure_scene
 from mulan.evaluation.engine.scenes import EngineScene
 from mulan.evaluation.engine.throughput import ThroughputConfig, compare_throughput
@@ -97,6 +98,8 @@ class EngineBenchmark:
 
     def _keep_peer(self, part: str, name: str, scene: str, result: dict[str, Any]) -> None:
         peers = self.metrics["peers"]
+        if "psnr_curve" in result:
+            result = result | {"ours_same_views": ours_on_same_views(self._run, scene, result)}
         self._keep(part, {"peers": peers | {name: peers.get(name, {}) | {scene: result}}})
         if reason := result.get("not_run"):
             self._listener.say(f"{name}, {scene}: {reason}")
@@ -133,12 +136,21 @@ class EngineBenchmark:
     def _run_peers(self) -> None:
         config = self._config.peers
         reason = why_no_peers(config)
-        budgets_s = {OBJECT: config.budget_s, PLACE: config.fox_budget_s}
         for peer in config.names:
-            for scene, budget_s in budgets_s.items():
-                result = {"not_run": reason}
+            for task in (
+                PeerTask(
+                    peer, self._scenes[OBJECT], config.budget_s, config.every_nth_view, config.budget_s / 16
+                ),
+                PeerTask(
+                    peer,
+                    self._scenes[PLACE],
+                    config.fox_budget_s,
+                    config.fox_every_nth_view,
+                    config.fox_budget_s / 4,
+                ),
+            ):
+                result: dict[str, Any] = {"not_run": reason}
                 if reason is None:
-                    task = PeerTask(peer, self._scenes[scene], budget_s)
-                    progress = self._listener.begin(f"{peer} on {scene}")
+                    progress = self._listener.begin(f"{peer} on {task.scene.name}")
                     result = run_peer(task, config, self._run.root / "peers", progress)
-                self._keep_peer(PEERS, peer, scene, result)
+                self._keep_peer(PEERS, peer, task.scene.name, result)

@@ -1,14 +1,15 @@
 """Our own engine on one scene: a training for every budget, through the trainer everyone uses."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
-from mulan.evaluation.engine.curve import THRESHOLD_DB, fastest_to_psnr
+from mulan.evaluation.engine.curve import THRESHOLD_DB, ViewCurve, fastest_to_psnr
 from mulan.evaluation.engine.listener import Listener
 from mulan.evaluation.engine.peak_memory import peak_memory_gb, reset_peak_memory
 from mulan.evaluation.engine.scenes import EngineScene
 from mulan.evaluation.engine.scoring import CurveRecorder, rays_per_s
-from mulan.mission.run_folder import RunFolder
+from mulan.mission.run_folder import RunFolder, write_json
 from mulan.reconstruction.captured_image import load_captured
 from mulan.reconstruction.dataset import ImageTensors
 from mulan.reconstruction.train_config import TrainConfig
@@ -27,8 +28,7 @@ def measure_scene(scene: EngineScene, seed: int, folder: RunFolder, listener: Li
 
     Returns:
         ``psnr_db_at_s`` (budget to mean PSNR of the finished training), ``psnr_curve`` (of the longest
-        training), ``psnr_curves`` (of each), ``seconds_to_28_db`` (first scored moment of any of the
-        trainings), ``samples_per_s``, ``train_rays_per_s`` and ``steps`` of the longest,
+        training), ``psnr_curves`` (of each), ``seconds_to_28_db`` (of the training that was first), ``samples_per_s``, ``train_rays_per_s`` and ``steps`` of the longest,
         ``render_rays_per_s`` and ``peak_memory_gb`` (while training and rendering).
 
     Raises:
@@ -39,6 +39,7 @@ def measure_scene(scene: EngineScene, seed: int, folder: RunFolder, listener: Li
     views = ImageTensors(load_captured(images.test, scene.image_size))
     final_db: dict[str, float] = {}
     curves: dict[str, list[tuple[float, float]]] = {}
+    view_curves: dict[str, ViewCurve] = {}
     longest: dict[str, Any] = {}
     for budget_s in sorted(scene.budgets_s):
         run = RunFolder(folder.root / f"{scene.name}_{budget_s:g}s")
@@ -49,13 +50,14 @@ def measure_scene(scene: EngineScene, seed: int, folder: RunFolder, listener: Li
         result = train(images, NoWeights(), config, run, follow)
         key = f"{budget_s:g}"
         final_db[key] = recorder.finish(result.engine, result.seconds)
-        curves[key] = recorder.curve
+        curves[key], view_curves[key] = recorder.curve, recorder.view_curve
         longest = {
             "samples_per_s": result.samples / result.seconds,
             "steps": result.steps,
             "render_rays_per_s": rays_per_s(result.engine, views),
         }
         listener.say(f"{scene.name}: {final_db[key]:.2f} dB after {key} s ({len(views)} views)")
+    write_json(view_curves_file(folder, scene.name), view_curves)
     return {
         "psnr_db_at_s": final_db,
         "psnr_curve": curves[f"{max(scene.budgets_s):g}"],
@@ -66,6 +68,11 @@ def measure_scene(scene: EngineScene, seed: int, folder: RunFolder, listener: Li
         "image_size": scene.image_size,
         "views": len(views),
     }
+
+
+def view_curves_file(folder: RunFolder, scene: str) -> Path:
+    """Where the PSNR of every view lies, so that a peer scored on fewer views can be compared on those."""
+    return folder.root / f"{scene}_views.json"
 
 
 def _follow(
