@@ -41,9 +41,9 @@ class Options:
     peer_python: Path | None = None
     """Python of the environment the peers are installed in; without it they are not run."""
     peers: str = ",".join(PeerConfig.names)
-    """Which peers, separated by commas."""
-    peer_runners: Path | None = None
-    """Folder of the peers' runner scripts: benchmarks/peers of the source tree."""
+    """Which peers, separated by commas; options of a runner's own may follow its name."""
+    peer_runners: Path = Path("benchmarks/peers")
+    """Folder of the peers' runner scripts; they come with the source tree, not with the package."""
     peer_budget: float = PeerConfig.budget_s
     """Seconds of training for each peer on the object."""
     peer_fox_budget: float = PeerConfig.fox_budget_s

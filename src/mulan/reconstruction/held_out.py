@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -16,6 +16,7 @@ from mulan.reconstruction.captured_image import CapturedImage
 from mulan.reconstruction.dataset import ImageTensors
 
 
+@runtime_checkable
 class Renders(Protocol):
     """Anything that renders rays."""
 

@@ -3,11 +3,11 @@
 import math
 from collections.abc import Sequence
 
-PsnrCurve = Sequence[tuple[float, float]]
-"""(seconds on the training clock, mean PSNR over all held-out views [dB]) in order of time."""
+PsnrCurve = Sequence[Sequence[float]]
+"""Pairs (seconds on the training clock, mean PSNR over all held-out views [dB]) in order of time."""
 
 ViewCurve = Sequence[tuple[float, Sequence[float]]]
-"""(seconds on the training clock, PSNR of every held-out view [dB]) in order of time."""
+"""Pairs (seconds on the training clock, PSNR of every held-out view [dB]) in order of time."""
 
 THRESHOLD_DB = 28.0  # the quality whose price in seconds is compared
 

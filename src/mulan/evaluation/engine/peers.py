@@ -1,9 +1,10 @@
 """Other people's trainers on the same photographs: each runs under a Python of its own, as a subprocess.
 
 A runner is ``<folder>/<peer>.py`` (dashes or underscores) and takes ``--data SET --image-size N --budget-s T
---out result.json --eval-every-nth-view K --first-eval-s S`` and holds out every 8th frame of a set without test
-views. It writes ``name``, ``version``, ``psnr_curve`` ([[seconds on the training clock, mean PSNR over held-out
-views 0, K, 2K, ...], ...]), ``rays_per_s``, ``samples_per_s``, ``notes`` (``eval_every_nth_view``: K).
+--eval-every-nth-view K --first-eval-s S --out result.json``; it holds out frames 0, 8, 16, ... of a set that
+names no test views. It writes ``name``, ``version``, ``psnr_curve`` ([[seconds on the training clock, mean
+PSNR over held-out views 0, K, 2K, ...], ...]), ``rays_per_s``, ``samples_per_s`` and ``notes``, whose
+``eval_every_nth_view`` is K.
 """
 
 import json
@@ -29,10 +30,10 @@ class PeerConfig:
 
     python: Path | None = None
     """Python of the environment the peers are installed in; without it they are not run."""
-    runners: Path | None = None
-    """Folder of the runner scripts: benchmarks/peers of the source tree."""
-    names: tuple[str, ...] = ("nerfacto", "instant-ngp")
-    """Which of them."""
+    runners: Path = Path("benchmarks/peers")
+    """Folder of the runner scripts."""
+    names: tuple[str, ...] = ("nerfacto", "tensorf")
+    """Which of them; options of a runner's own may follow its name."""
     budget_s: float = 300.0
     """Seconds of training on the object."""
     fox_budget_s: float = 60.0
@@ -51,6 +52,7 @@ class PeerTask:
 
     Attributes:
         peer: Its name.
+        arguments: Options of its runner's own.
         scene: What it learns.
         budget_s: Seconds on its training clock.
         every_nth_view: Test views it is scored on.
@@ -58,6 +60,7 @@ class PeerTask:
     """
 
     peer: str
+    arguments: tuple[str, ...]
     scene: EngineScene
     budget_s: float
     every_nth_view: int
@@ -70,8 +73,8 @@ def why_no_peers(config: PeerConfig) -> str | None:
         return "not run: no Python of theirs was named (--peer-python)"
     if not config.python.exists():
         return f"not run: {config.python} does not exist"
-    if config.runners is None or not config.runners.is_dir():
-        return "not run: their runner scripts are in benchmarks/peers of the source tree (--peer-runners)"
+    if not config.runners.is_dir():
+        return f"not run: there is no folder {config.runners} of runner scripts (--peer-runners)"
     return None
 
 
@@ -98,7 +101,6 @@ def run_peer(
         Its result, or ``{"not_run": reason}``.
     """
     assert config.python is not None
-    assert config.runners is not None
     runner = find_runner(config.runners, task.peer)
     if runner is None:
         return {"not_run": f"there is no runner for it in {config.runners.name}"}
@@ -111,6 +113,7 @@ def run_peer(
         *("--image-size", str(task.scene.image_size), "--budget-s", f"{task.budget_s:g}"),
         *("--eval-every-nth-view", str(task.every_nth_view), "--first-eval-s", f"{task.first_score_s:g}"),
         *("--out", str(out.resolve())),
+        *task.arguments,
     ]
     failure = _run(command, log, config.timeout_s, task.budget_s, progress)
     if failure is not None:

@@ -1,5 +1,6 @@
 """The whole benchmark of the engine: every part in turn, metrics.json and the picture after each."""
 
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -21,6 +22,7 @@ from mulan.reconstruction.train_config import TrainConfig
 OBJECT, PLACE = "lego_100", "fox_270x480"
 THROUGHPUT, TORCH, PEERS = "throughput", "torch", "peers"
 PICTURE = "psnr.png"
+PEER_SCORE_GROWTH = 1.25  # by which the runners space their scores
 
 
 @dataclass(frozen=True)
@@ -136,21 +138,18 @@ class EngineBenchmark:
     def _run_peers(self) -> None:
         config = self._config.peers
         reason = why_no_peers(config)
-        for peer in config.names:
-            for task in (
-                PeerTask(
-                    peer, self._scenes[OBJECT], config.budget_s, config.every_nth_view, config.budget_s / 16
-                ),
-                PeerTask(
-                    peer,
-                    self._scenes[PLACE],
-                    config.fox_budget_s,
-                    config.fox_every_nth_view,
-                    config.fox_budget_s / 4,
-                ),
+        for words in config.names:
+            peer, *arguments = shlex.split(words)
+            for scene, budget_s, every_nth_view, scores in (
+                (OBJECT, config.budget_s, config.every_nth_view, 12),
+                (PLACE, config.fox_budget_s, config.fox_every_nth_view, 4),
             ):
                 result: dict[str, Any] = {"not_run": reason}
                 if reason is None:
-                    progress = self._listener.begin(f"{peer} on {task.scene.name}")
+                    first_s = budget_s / PEER_SCORE_GROWTH**scores
+                    task = PeerTask(
+                        peer, tuple(arguments), self._scenes[scene], budget_s, every_nth_view, first_s
+                    )
+                    progress = self._listener.begin(f"{peer} on {scene}")
                     result = run_peer(task, config, self._run.root / "peers", progress)
-                self._keep_peer(PEERS, peer, task.scene.name, result)
+                self._keep_peer(PEERS, peer, scene, result)

@@ -15,12 +15,12 @@ def every_nth_view(result: dict[str, Any]) -> int:
 
 
 def ours_on_same_views(folder: RunFolder, scene: str, result: dict[str, Any]) -> dict[str, Any] | None:
-    """``psnr_curves`` and ``seconds_to_28_db`` of our own trainings; None where the scene was not measured."""
+    """``psnr_curves`` and ``seconds_to_28_db`` of our trainings; None where there are none."""
     file = view_curves_file(folder, scene)
     if not file.exists():
         return None
     curves = {
-        budget: curve_on_views(curve, every_nth_view(result))
+        budget: curve_on_views([(seconds, psnr_db) for seconds, psnr_db in curve], every_nth_view(result))
         for budget, curve in read_json(file, "mulan evaluate engine").items()
     }
     return {"psnr_curves": curves, "seconds_to_28_db": fastest_to_psnr(list(curves.values()), THRESHOLD_DB)}

@@ -27,9 +27,10 @@ def measure_scene(scene: EngineScene, seed: int, folder: RunFolder, listener: Li
         listener: Hears of progress and results.
 
     Returns:
-        ``psnr_db_at_s`` (budget to mean PSNR of the finished training), ``psnr_curve`` (of the longest
-        training), ``psnr_curves`` (of each), ``seconds_to_28_db`` (of the training that was first), ``samples_per_s``, ``train_rays_per_s`` and ``steps`` of the longest,
-        ``render_rays_per_s`` and ``peak_memory_gb`` (while training and rendering).
+        ``psnr_db_at_s`` (budget to mean PSNR of the finished training), ``psnr_curves`` (of each training),
+        ``psnr_curve`` (of the longest), ``seconds_to_28_db`` (of the training that was first),
+        ``samples_per_s``, ``steps`` and ``render_rays_per_s`` (of the longest), ``peak_memory_gb`` (of the
+        whole process, while learning and rendering).
 
     Raises:
         InputError: See :func:`mulan.reconstruction.trainer.train`.

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from statistics import median
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import torch
 
@@ -38,6 +38,7 @@ class ThroughputConfig:
     """Of field and batches."""
 
 
+@runtime_checkable
 class Trains(Protocol):
     """Anything that takes optimiser steps."""
 

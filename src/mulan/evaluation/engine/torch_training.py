@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import torch
 
@@ -24,6 +24,7 @@ from mulan.reconstruction.held_out import Renders
 from mulan.reconstruction.train_config import TrainConfig
 
 
+@runtime_checkable
 class TrainableField(Trains, Renders, Protocol):
     """Takes optimiser steps and renders."""
 
