@@ -5,6 +5,7 @@ feeds it the photographs and holds the clock. nerfacto on an object scene uses t
 benchmark uses for synthetic scenes (``launch_train_blender.sh``); all else is the method as it stands.
 """
 
+# pyright: reportMissingImports=false
 import importlib.abc
 import importlib.machinery
 import importlib.metadata
@@ -23,12 +24,38 @@ from numpy.typing import NDArray
 from protocol import measure, parser, scene_of
 from scene import Scene, View
 
-# Imported on the way to a method's config, never called here: data readers, viewers, exporters, other methods.
+# Imported on the way to a method's config, of no use here: data readers, viewers, exporters, other methods.
 UNUSED_HERE = (
-    "av appdirs comet_ml fpsample gdown gsplat h5py imageio matplotlib mediapy msgspec newrawpy nuscenes open3d "
-    "pathos plotly pymeshlab pyquaternion pytorch_msssim rawpy requests skimage sklearn splines tensorboard "
-    "torchvision trimesh viser wandb xatlas"
-).split()
+    "appdirs",
+    "av",
+    "comet_ml",
+    "fpsample",
+    "gdown",
+    "gsplat",
+    "h5py",
+    "imageio",
+    "matplotlib",
+    "mediapy",
+    "msgspec",
+    "newrawpy",
+    "nuscenes",
+    "open3d",
+    "pathos",
+    "plotly",
+    "pymeshlab",
+    "pyquaternion",
+    "pytorch_msssim",
+    "rawpy",
+    "requests",
+    "skimage",
+    "sklearn",
+    "splines",
+    "torchvision",
+    "trimesh",
+    "viser",
+    "wandb",
+    "xatlas",
+)
 
 
 class _Absent(type):
@@ -39,7 +66,12 @@ class _Absent(type):
 
 
 class _Placeholder(metaclass=_Absent):
-    """Stands for any class of a package that is imported on the way but never called here."""
+    """Stands for any class or function of a package that is imported on the way but of no use here."""
+
+    def __init__(self, *_: object, **__: object) -> None: ...
+
+    def __call__(self, *_: object, **__: object) -> "_Placeholder":
+        return self
 
 
 class _AbsentPackage(importlib.abc.MetaPathFinder, importlib.abc.Loader):
@@ -49,7 +81,10 @@ class _AbsentPackage(importlib.abc.MetaPathFinder, importlib.abc.Loader):
         self.names = {name for name in names if importlib.util.find_spec(name) is None}
 
     def find_spec(
-        self, fullname: str, path: Sequence[str] | None, target: types.ModuleType | None = None
+        self,
+        fullname: str,
+        path: Sequence[str] | None,  # noqa: ARG002
+        target: types.ModuleType | None = None,  # noqa: ARG002
     ) -> importlib.machinery.ModuleSpec | None:
         if fullname.partition(".")[0] not in self.names:
             return None
@@ -123,7 +158,9 @@ class NerfstudioMethod:
                 cy=camera.cy,
                 width=camera.width,
                 height=camera.height,
-                distortion_params=torch.tensor([k1, k2, 0.0, 0.0, p1, p2]) if any(camera.distortion) else None,
+                distortion_params=torch.tensor([k1, k2, 0.0, 0.0, p1, p2])
+                if any(camera.distortion)
+                else None,
                 camera_type=CameraType.PERSPECTIVE,
             )
 
@@ -147,6 +184,7 @@ class NerfstudioMethod:
             self._samples = model.num_samples + model.num_uniform_samples
 
     def step(self) -> tuple[int, int]:
+        """One optimiser step; (rays, samples)."""
         import torch
 
         for callback in self._callbacks:
@@ -158,7 +196,7 @@ class NerfstudioMethod:
         metrics = self._model.get_metrics_dict(outputs, batch)
         losses = self._model.get_loss_dict(outputs, batch, metrics)
         self._optimizers.zero_grad_all()
-        sum(losses.values()).backward()
+        torch.stack(list(losses.values())).sum().backward()
         self._optimizers.optimizer_step_all()
         self._optimizers.scheduler_step_all(self._step)
         for callback in self._callbacks:
@@ -167,6 +205,7 @@ class NerfstudioMethod:
         return self._rays, self._rays * self._samples
 
     def render(self, view: View) -> NDArray[np.float32]:
+        """Colours (h, w, 3) of a test view."""
         import torch
 
         self._model.eval()
@@ -175,6 +214,7 @@ class NerfstudioMethod:
         return outputs["rgb"].numpy()
 
     def notes(self) -> dict[str, object]:
+        """What a reader must know to judge the figures."""
         return {
             "rays_per_step": self._rays,
             "samples": "of the field and of the proposals",
@@ -196,7 +236,9 @@ class _Poses:
             poses = torch.from_numpy(
                 np.stack([view.T_world_camera for view in scene.train + scene.test])
             ).float()
-            oriented, self._normalise = auto_orient_and_center_poses(poses, method="up", center_method="poses")
+            oriented, self._normalise = auto_orient_and_center_poses(
+                poses, method="up", center_method="poses"
+            )
             self._scale = 1.0 / float(oriented[:, :3, 3].abs().max())
 
     def of(self, view: View) -> Any:

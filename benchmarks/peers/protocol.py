@@ -75,12 +75,16 @@ def parser(description: str) -> argparse.ArgumentParser:
     options = argparse.ArgumentParser(description=description)
     options.add_argument("--data", type=Path, required=True, help="image set: Blender or nerfstudio layout")
     options.add_argument("--out", type=Path, required=True, help="JSON file to write")
-    options.add_argument("--image-size", type=int, default=None, help="longest side [px]; 100, 480 for photos")
+    options.add_argument(
+        "--image-size", type=int, default=None, help="longest side [px]; 100, 480 for photos"
+    )
     options.add_argument("--hold-out-every", type=int, default=8, help="sets that name no test views")
     options.add_argument("--budget-s", type=float, default=300.0, help="training time")
     options.add_argument("--stop-at-db", type=float, default=None, help="end early at this PSNR")
     options.add_argument("--eval-every-nth-view", type=int, default=10, help="score test views 0, k, 2k, ...")
-    options.add_argument("--first-eval-s", type=float, default=10.0, help="first evaluation; later ones ×1.25")
+    options.add_argument(
+        "--first-eval-s", type=float, default=10.0, help="first evaluation; later ones ×1.25"
+    )
     options.add_argument("--threads", type=int, default=os.cpu_count() or 1)
     options.add_argument("--clock", choices=("wall", "cpu"), default="wall", help="cpu: CPU time / threads")
     options.add_argument("--seed", type=int, default=0)

@@ -31,16 +31,17 @@ class Camera:
 class View:
     """One photograph, colour premultiplied by ``alpha``, and ``T_world_camera`` (4, 4), OpenGL axes."""
 
-    rgb: NDArray[np.float32]
-    alpha: NDArray[np.float32]
+    rgb: NDArray[Any]
+    alpha: NDArray[Any]
     T_world_camera: NDArray[np.float64]
 
-    def over(self, background: tuple[float, float, float]) -> NDArray[np.float32]:
+    def over(self, background: tuple[float, float, float]) -> NDArray[Any]:
         """The photograph (h, w, 3) over a background colour."""
         return self.rgb + (1 - self.alpha) * np.asarray(background, np.float32)
 
     @property
-    def over_white(self) -> NDArray[np.float32]:
+    def over_white(self) -> NDArray[Any]:
+        """The photograph over white, as it is scored."""
         return self.over((1.0, 1.0, 1.0))
 
 
@@ -76,13 +77,13 @@ def read_scene(folder: Path, longest_side: int, hold_out_every: int) -> Scene:
     return Scene(folder.name, camera, train, test, is_object=has_mask)
 
 
-def area_resized(pixels: NDArray[np.float32], width: int, height: int) -> NDArray[np.float32]:
+def area_resized(pixels: NDArray[Any], width: int, height: int) -> NDArray[Any]:
     """Exact average over areas, (h, w, c) to (height, width, c), as mulan/mission/pixels.py resizes."""
     rows = np.tensordot(_area_weights(pixels.shape[0], height), pixels, axes=(1, 0))
     return np.tensordot(rows, _area_weights(pixels.shape[1], width), axes=(1, 1)).transpose(0, 2, 1)
 
 
-def _area_weights(size: int, new_size: int) -> NDArray[np.float32]:
+def _area_weights(size: int, new_size: int) -> NDArray[Any]:
     """Row i averages the stretch of input pixels that output pixel i covers, edges in part."""
     edges = np.linspace(0, size, new_size + 1)
     pixel = np.arange(size)
@@ -109,26 +110,12 @@ def _read_frames(folder: Path, file: str, longest_side: int) -> tuple[list[View]
 
 
 def _camera(meta: dict[str, Any], size: tuple[int, int], width: int, height: int) -> Camera:
-    if "fl_x" not in meta:
-        focal = 0.5 * width / math.tan(0.5 * meta["camera_angle_x"])
-        return Camera(width, height, focal, focal, width / 2, height / 2, (0.0, 0.0, 0.0, 0.0))
-    x, y = width / meta.get("w", size[0]), height / meta.get("h", size[1])
+    w, h = meta.get("w", size[0]), meta.get("h", size[1])
+    x, y = width / w, height / h
     k1, k2, p1, p2 = (float(meta.get(name, 0.0)) for name in ("k1", "k2", "p1", "p2"))
-    cx, cy = meta["cx"] * x, meta["cy"] * y
-    return Camera(width, height, meta["fl_x"] * x, meta["fl_y"] * y, cx, cy, (k1, k2, p1, p2))
-
-
-def camera_directions(camera: Camera) -> NDArray[np.float32]:
-    """Directions (h, w, 3) through the pixel centres, OpenGL axes, z = -1, distortion undone."""
-    column, row = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
-    x_seen, y_seen = (column - camera.cx) / camera.fl_x, (row - camera.cy) / camera.fl_y
-    k1, k2, p1, p2 = camera.distortion
-    x, y = x_seen, y_seen
-    for _ in range(20):  # fixed point of OpenCV's model; contracts for the mild lenses of these sets
-        r2 = x * x + y * y
-        radial = 1 + r2 * (k1 + r2 * k2)
-        x, y = (
-            (x_seen - 2 * p1 * x * y - p2 * (r2 + 2 * x * x)) / radial,
-            (y_seen - p1 * (r2 + 2 * y * y) - 2 * p2 * x * y) / radial,
-        )
-    return np.stack([x, -y, -np.ones_like(x)], -1).astype(np.float32)
+    if "fl_x" in meta:
+        fl_x, fl_y = meta["fl_x"], meta["fl_y"]
+    else:
+        fl_x = fl_y = 0.5 * w / math.tan(0.5 * meta["camera_angle_x"])
+    cx, cy = meta.get("cx", w / 2), meta.get("cy", h / 2)
+    return Camera(width, height, fl_x * x, fl_y * y, cx * x, cy * y, (k1, k2, p1, p2))
