@@ -46,6 +46,6 @@ def test_kernels_are_their_references_in_the_interpreter():
 def test_every_kernel_compiles_for_a_gpu(capability):
     lines = run("-m", "tests.gpu.compile_kernels", capability, TRITON_INTERPRET="0").splitlines()
     products = {line.split()[0]: int(line.split(":")[1].split()[0]) for line in lines}
-    assert len(products) == 16
+    assert len(products) == 15
     on_matrix_units = ("density_kernel", "colour_kernel", "colour_backward_kernel", "density_backward_kernel")
     assert all(products[name] > 0 for name in on_matrix_units)

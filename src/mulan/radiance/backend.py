@@ -11,6 +11,7 @@ from mulan.radiance.engine import RadianceEngine
 from mulan.radiance.gpu.find_gpu import find_gpu
 from mulan.radiance.kernels.native_library import find_native_library
 from mulan.radiance.native_engine import NativeEngine
+from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.radiance.space import SceneSpace
 from mulan.radiance.torch_engine import TorchEngine
 
@@ -47,6 +48,7 @@ def new_engine(
     space: SceneSpace,
     white_background: bool,
     seed: int,
+    optimiser: OptimiserConfig | None = None,
     device: torch.device | None = None,
 ) -> RadianceEngine:
     """An untrained field on the best backend there is; the first log line says what was lost without it.
@@ -57,6 +59,7 @@ def new_engine(
         space: Where the field lives.
         white_background: What rays that hit nothing see: white, or black.
         seed: Of the initial parameters and of the sampling.
+        optimiser: Learning rates and loss.
         device: Where to compute; the GPU if not given and there is one.
     """
     device = device or Device.AUTO.resolve()
@@ -64,9 +67,9 @@ def new_engine(
         # Triton is not installed everywhere
         from mulan.radiance.gpu.triton_engine import TritonEngine
 
-        return TritonEngine(field, march, space, white_background, seed, device)
+        return TritonEngine(field, march, space, white_background, seed, device, optimiser)
     library, reason = find_native_library()
     if library is None:
         _log.warning("no native engine (%s): %s", reason, WITHOUT_NATIVE)
-        return TorchEngine(field, march, space, white_background, seed)
-    return NativeEngine(field, march, space, white_background, seed)
+        return TorchEngine(field, march, space, white_background, seed, optimiser)
+    return NativeEngine(field, march, space, white_background, seed, optimiser)

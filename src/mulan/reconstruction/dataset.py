@@ -42,6 +42,13 @@ class ImageTensors:
         self._colour = torch.from_numpy(
             np.concatenate([image.colour.reshape(-1, 3) for image in self.images])
         )
+        coverage = [image.alpha for image in self.images if image.alpha is not None]
+        # random backgrounds need it of every pixel
+        self._opacity = (
+            torch.from_numpy(np.concatenate([alpha.reshape(-1) for alpha in coverage]))
+            if len(coverage) == len(self.images)
+            else None
+        )
         maps = weight_maps or [torch.ones(h, w) for h, w in sizes]
         self.weights = torch.cat([m.reshape(-1).float() for m in maps])
         poses = np.stack([image.T_world_camera for image in self.images])
@@ -62,6 +69,7 @@ class ImageTensors:
         for name in ("_image_of_pixel", "_colour", "weights", "T_world_camera", "_directions", "_drawable"):
             setattr(self, name, getattr(self, name).to(device))
         self._direction_shift = self._direction_shift.to(device)
+        self._opacity = None if self._opacity is None else self._opacity.to(device)
 
     @property
     def drawable_pixels(self) -> int:
@@ -92,6 +100,7 @@ class ImageTensors:
             colours=self._colour[pixel].float() / 255,
             weights=self.weights[pixel],
             image_index=image,
+            opacity=None if self._opacity is None else self._opacity[pixel].float() / 255,
         )
 
     def image_rays(self, image: int) -> RayBatch:

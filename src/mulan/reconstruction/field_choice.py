@@ -1,6 +1,7 @@
 """Sizes of the field for a set of photographs."""
 
 from mulan.radiance.config import FieldConfig, MarchConfig
+from mulan.radiance.optimiser_config import OptimiserConfig
 
 FEW_VIEWS = 12
 
@@ -32,8 +33,21 @@ def choose_field(longest_side: int, views: int, unbounded: bool, on_gpu: bool = 
     )
 
 
-def choose_march(longest_side: int, on_gpu: bool = False) -> MarchConfig:
-    """256 steps for small pictures, 384 for larger ones; on a GPU instant-ngp's 1024 and a finer grid."""
-    if on_gpu:
-        return MarchConfig(steps=1024, occupancy_resolution=128)
-    return MarchConfig(steps=256 if longest_side <= 160 else 384)
+def choose_march(longest_side: int, unbounded: bool, on_gpu: bool = False) -> MarchConfig:
+    """256 steps for small pictures, 384 for larger ones; on a GPU instant-ngp's 1024 and a finer grid.
+
+    Unbounded rays stop at a hundredth of their light, and cells thinner than the thinnest sample that counts
+    are skipped: both were compared by ``benchmarks/unbounded.py``.
+    """
+    steps = 1024 if on_gpu else 256 if longest_side <= 160 else 384
+    side = 128 if on_gpu else 64
+    if not unbounded:
+        return MarchConfig(steps=steps, occupancy_resolution=side)
+    return MarchConfig(
+        steps=steps, occupancy_resolution=side, occupancy_threshold=0.03, min_transmittance=1e-2
+    )
+
+
+def choose_optimiser(unbounded: bool) -> OptimiserConfig:
+    """Unbounded scenes pay for scattered weight along their rays: without it fog stays before the cameras."""
+    return OptimiserConfig(distortion_weight=0.03 if unbounded else 0.0)

@@ -15,6 +15,7 @@ from mulan.mission.run_folder import write_atomically
 from mulan.radiance.backend import new_engine
 from mulan.radiance.config import FieldConfig, MarchConfig
 from mulan.radiance.engine import RadianceEngine
+from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.radiance.space import SceneSpace
 
 _HEADER = "mulan"
@@ -37,9 +38,11 @@ class FieldDescription:
     space: SceneSpace
     white_background: bool
 
-    def new_engine(self, seed: int, device: torch.device | None = None) -> RadianceEngine:
+    def new_engine(
+        self, seed: int, optimiser: OptimiserConfig | None = None, device: torch.device | None = None
+    ) -> RadianceEngine:
         """An untrained field of this description; on the GPU if there is one and no device is given."""
-        return new_engine(self.field, self.march, self.space, self.white_background, seed, device)
+        return new_engine(self.field, self.march, self.space, self.white_background, seed, optimiser, device)
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for a file header."""

@@ -2,8 +2,9 @@
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
-import tyro
+from tyro.conf import EnumChoicesFromValues, arg
 
 from mulan.radiance.backend import Device
 from mulan.radiance.config import FieldConfig, MarchConfig
@@ -15,7 +16,7 @@ class TrainConfig:
 
     image_size: int = 200
     """Longest side the photographs are brought down to, in pixels."""
-    time_budget_s: float = 120.0
+    time_budget_s: Annotated[float, arg(name="time-budget", aliases=["--time-budget-s"])] = 120.0
     """Seconds of learning (evaluation and files excluded), unless a number of steps is given."""
     steps: int | None = None
     """Optimiser steps; overrides the time budget and makes the result repeatable bit for bit."""
@@ -29,12 +30,16 @@ class TrainConfig:
     """Seconds of learning between points of the training curve."""
     checkpoint_every_s: float = 10.0
     """Seconds of learning between checkpoints."""
-    device: tyro.conf.EnumChoicesFromValues[Device] = Device.AUTO
+    device: EnumChoicesFromValues[Device] = Device.AUTO
     """Where to compute; auto takes the GPU if there is one. Training goes on elsewhere if sizes are given."""
     field: FieldConfig | None = None
     """Sizes of the field; chosen from device, image size and number of views if not given."""
     march: MarchConfig | None = None
     """How rays are sampled; chosen from device and image size if not given."""
+
+    def samples_a_batch(self, on_gpu: bool) -> int:
+        """Field evaluations to aim at in a step."""
+        return self.batch_samples or (2**18 if on_gpu else 2**14)
 
     def fraction_done(self, steps: int, seconds: float) -> float:
         """Share of the training behind us, 1 when it is over."""

@@ -12,10 +12,11 @@ from mulan.errors import InputError
 from mulan.mission.posed_images import PosedImageSet
 from mulan.mission.run_folder import RunFolder, write_json
 from mulan.radiance.engine import RadianceEngine
+from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.reconstruction.captured_image import CapturedImage, load_captured
 from mulan.reconstruction.checkpoint import Progress, read_checkpoint, write_checkpoint
 from mulan.reconstruction.dataset import ImageTensors
-from mulan.reconstruction.field_choice import choose_field, choose_march
+from mulan.reconstruction.field_choice import choose_field, choose_march, choose_optimiser
 from mulan.reconstruction.field_file import FieldDescription, save_field
 from mulan.reconstruction.held_out import psnr_db
 from mulan.reconstruction.scene_space import choose_space
@@ -23,7 +24,6 @@ from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.weights import Weighting
 
 MAX_RAYS = 16384  # with the CPU's batch
-BATCH_SAMPLES, BATCH_SAMPLES_GPU = 2**14, 2**18
 CURVE_POINTS = 5  # at least, of a training with a time budget
 CURVE_VIEWS = 4  # test views behind each point of the training curve
 SMOOTHING = 0.95  # of the running mean squared error shown in the curve
@@ -38,6 +38,7 @@ class TrainingStatus:
         steps, seconds: Optimiser steps and seconds of learning.
         samples: Field evaluations so far.
         train_psnr_db: Of recent batches.
+        engine: The field as it stands; to look at, off the training clock.
     """
 
     fraction_done: float
@@ -45,6 +46,7 @@ class TrainingStatus:
     seconds: float
     samples: int
     train_psnr_db: float
+    engine: RadianceEngine
 
 
 @dataclass(frozen=True)
@@ -98,14 +100,16 @@ def train(
     device = config.device.resolve()
     on_gpu = device.type == "cuda"
     field = config.field or choose_field(config.image_size, len(captured), space.unbounded, on_gpu)
-    march = config.march or choose_march(config.image_size, on_gpu)
+    march = config.march or choose_march(config.image_size, space.unbounded, on_gpu)
     description = FieldDescription(field, march, space, not space.unbounded)
     data = ImageTensors(captured, weighting.weight_maps(captured, space))
     if not data.drawable_pixels:
         raise InputError(images.source, "weights", "are zero everywhere", "use weights that keep some images")
-    engine = description.new_engine(config.seed, device)
+    optimiser = choose_optimiser(space.unbounded)
+    engine = description.new_engine(config.seed, optimiser, device)
     data.move_to(device)
-    loop = _Loop(config, engine, data, test, run, _identity(config, weighting, description, data))
+    identity = _identity(config, weighting, description, optimiser, data)
+    loop = _Loop(config, engine, data, test, run, identity)
     loop.run_to_end(progress)
     state = loop.state
     save_field(run.field, engine, description)
@@ -128,8 +132,7 @@ class _Loop:
     ) -> None:
         self._config, self._engine, self._data, self._run = config, engine, data, run
         self._identity = identity
-        on_gpu = engine.device.type == "cuda"
-        self._batch_samples = config.batch_samples or (BATCH_SAMPLES_GPU if on_gpu else BATCH_SAMPLES)
+        self._batch_samples = config.samples_a_batch(on_gpu=engine.device.type == "cuda")
         self._curve_views = ImageTensors(test[:: max(1, len(test) // CURVE_VIEWS)]) if test else None
         self._sampler = torch.Generator().manual_seed(config.seed + 1)
         self.state = Progress()
@@ -176,14 +179,16 @@ class _Loop:
         error = report.mean_squared_error
         if s.mean_squared_error is not None:
             error = SMOOTHING * s.mean_squared_error + (1 - SMOOTHING) * error
-        rays = _next_rays(s.rays, report.samples, self._batch_samples)
+        rays = next_rays(s.rays, report.samples, self._batch_samples)
         samples = s.samples + report.samples
         self.state = Progress(s.steps + 1, seconds, rays, samples, report.loss, error, s.history)
 
     def _status(self) -> TrainingStatus:
         s = self.state
         done = self._config.fraction_done(s.steps, s.seconds)
-        return TrainingStatus(done, s.steps, s.seconds, s.samples, _decibel(s.mean_squared_error))
+        return TrainingStatus(
+            done, s.steps, s.seconds, s.samples, _decibel(s.mean_squared_error), self._engine
+        )
 
     def _add_to_history(self) -> None:
         views, s = self._curve_views, self.state
@@ -203,7 +208,7 @@ def _check(images: PosedImageSet, config: TrainConfig) -> None:
     if not images.train:
         raise InputError(images.source, "photographs", "there is none to learn from", "give at least one")
     for option, value in (
-        ("--time-budget-s", config.time_budget_s),
+        ("--time-budget", config.time_budget_s),
         ("--image-size", config.image_size),
         ("--batch-samples", 1 if config.batch_samples is None else config.batch_samples),
         ("--steps", 1 if config.steps is None else config.steps),
@@ -213,7 +218,11 @@ def _check(images: PosedImageSet, config: TrainConfig) -> None:
 
 
 def _identity(
-    config: TrainConfig, weighting: Weighting, description: FieldDescription, data: ImageTensors
+    config: TrainConfig,
+    weighting: Weighting,
+    description: FieldDescription,
+    optimiser: OptimiserConfig,
+    data: ImageTensors,
 ) -> dict[str, Any]:
     """What must be the same for a training to be resumed; how often it reports may change."""
     options = asdict(config)
@@ -223,11 +232,12 @@ def _identity(
         **options,
         "weighting": f"{weighting}",
         "description": description.to_json(),
+        "optimiser": f"{optimiser}",
         "images": data.fingerprint(),
     }
 
 
-def _next_rays(rays: int, samples: int, target: int) -> int:
+def next_rays(rays: int, samples: int, target: int) -> int:
     """Rays that would have met the target, at most doubled or halved at a time."""
     wanted = int(rays * target / max(samples, 1))
     return max(32, min(max(wanted, rays // 2), rays * 2, max(MAX_RAYS, target // 2)))

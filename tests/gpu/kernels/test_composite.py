@@ -1,14 +1,19 @@
 import pytest
 import torch
 
-from mulan.radiance.gpu.composite_kernels import GpuCompositor
-from mulan.radiance.gpu.ray_kernels import gather_ray_gradients, ray_losses
+from mulan.radiance.gpu.composite_backward_kernel import composite_backward
+from mulan.radiance.gpu.composite_kernels import GpuCompositor, RayAnswers
+from mulan.radiance.gpu.ray_kernels import gather_ray_gradients
+from mulan.radiance.gpu.ray_losses import RayLosses, ray_losses
 from mulan.radiance.gpu.reach_kernels import ReachedSamples
 from mulan.radiance.gpu.space_kernels import SceneArguments
 from mulan.radiance.kernels.composite import blend_weights, composite
-from mulan.radiance.kernels.march import bounded_step_m, unbounded_step_m
+from mulan.radiance.kernels.distortion import distortion
+from mulan.radiance.kernels.march import bounded_step_m, fraction_of_ray, step_count, unbounded_step_m
 from mulan.radiance.kernels.spherical_harmonics import spherical_harmonics
-from mulan.radiance.torch_engine import RENDERED_VARIANCE_FLOOR
+from mulan.radiance.loss import RENDERED_VARIANCE_FLOOR, GaussianLikelihoodLoss, HuberLoss
+from mulan.radiance.optimiser_config import OptimiserConfig
+from mulan.radiance.space import SceneSpace
 from tests.gpu.kernels.blocks import CONFIG
 from tests.gpu.kernels.place import BOX, DEVICE, MARCH, WORLD, random, rays
 
@@ -25,16 +30,28 @@ def ragged() -> tuple[torch.Tensor, torch.Tensor]:
     return offsets.to(DEVICE), torch.arange(RAYS).repeat_interleave(counts)
 
 
+def packed_distances(offsets: torch.Tensor, space: SceneSpace) -> torch.Tensor:
+    """Distances that grow along each ray."""
+    out = torch.zeros(ROOM, device=DEVICE)
+    for first, end in zip(offsets[:-1].tolist(), offsets[1:].tolist(), strict=True):
+        reach = 20.0 if space.unbounded else 2.0
+        out[first:end] = 0.3 + reach * (random(end - first, seed=first).sigmoid().sort().values)
+    return out
+
+
 @SPACES
-def test_sums_and_their_gradients_are_the_references(space):
+@pytest.mark.parametrize("everything", [False, True], ids=["plain", "distortion and a variance that teaches"])
+def test_sums_and_their_gradients_are_the_references(space, everything):
     offsets, ray = ragged()
     n = len(ray)
-    distance, density = 1 + random(ROOM).abs(), random(ROOM, seed=1).exp()
-    density[:3] = torch.tensor([1e-4, 3e3, 0.0])
+    distance, density = packed_distances(offsets, space), random(ROOM, seed=1).exp()
+    density[:2] = torch.tensor([1e-4, 3e3])
     colour, variance = random(3, ROOM, seed=2).sigmoid(), random(ROOM, seed=3).exp()
-    compositor = GpuCompositor(SceneArguments.of(MARCH, space, True), CONFIG)
+    background = random(RAYS, 3, seed=6).sigmoid() if everything else torch.ones(3, device=DEVICE)
+    scene = SceneArguments.of(MARCH, space)
     blend = torch.empty(ROOM, device=DEVICE)
-    got = compositor.composite(offsets, distance, density, colour, variance, blend)
+    samples = offsets, distance, density, colour, variance
+    got = GpuCompositor(scene, CONFIG).composite(*samples, background, blend)
 
     t = distance[:n].cpu().double()
     step = unbounded_step_m(t, MARCH, space.radius_m) if space.unbounded else bounded_step_m(MARCH, space)
@@ -43,59 +60,81 @@ def test_sums_and_their_gradients_are_the_references(space):
     v = variance[:n].cpu().double().requires_grad_()
     weight = blend_weights(log_density.exp() * step / space.radius_m, ray)
     want = composite(weight, ray, logits.sigmoid(), v, t, RAYS)
-    over_white = want.colour + (1 - want.opacity)[:, None]
+    over = want.colour + (1 - want.opacity)[:, None] * background.cpu()
     torch.testing.assert_close(blend[:n].cpu().double(), weight.detach(), rtol=1e-4, atol=1e-6)
     for mine, reference in (
-        (got.colour, over_white),
+        (got.colour, over),
         (got.opacity, want.opacity),
         (got.depth_m, want.distance_m),
         (got.variance, want.variance),
     ):
         torch.testing.assert_close(mine.cpu().double(), reference.detach(), rtol=1e-4, atol=1e-5)
 
-    to_colour, to_variance = random(RAYS, 3, seed=4), random(RAYS, seed=5)
-    out = compositor.backward(offsets, distance, density, colour, got, to_colour, to_variance)
-    rendered = torch.zeros(RAYS).double().index_add(0, ray, weight.detach() ** 2 * v)
-    ((over_white * to_colour.cpu()).sum() + (rendered * to_variance.cpu()).sum()).backward()
+    to_colour, to_opacity, to_variance = random(RAYS, 3, seed=4), random(RAYS, seed=5), random(RAYS, seed=7)
+    scattering = random(RAYS, seed=8).abs()
+    losses = RayLosses(
+        *(torch.zeros(RAYS, device=DEVICE), scattering, to_colour, to_opacity, to_variance),
+        scattering if everything else None,
+        everything,
+    )
+    out = composite_backward(*samples, background, losses, scene, CONFIG)
+    rendered = want.variance
+    if not everything:
+        rendered = torch.zeros(RAYS).double().index_add(0, ray, weight.detach() ** 2 * v)
+    objective = (over * to_colour.cpu()).sum() + (want.opacity * to_opacity.cpu()).sum()
+    objective = objective + (rendered * to_variance.cpu()).sum()
+    if everything:
+        place = fraction_of_ray(t, MARCH, space)
+        spread = scattering.cpu() * distortion(weight, ray, place, 1 / step_count(MARCH), RAYS)
+        torch.testing.assert_close(losses.loss.cpu().double(), spread.detach(), rtol=1e-3, atol=1e-6)
+        objective = objective + spread.sum()
+    objective.backward()
     torch.testing.assert_close(out.logits[:, :n].T.cpu().double(), logits.grad, rtol=1e-4, atol=1e-5)
     torch.testing.assert_close(out.variance[:n].cpu().double(), v.grad, rtol=1e-4, atol=1e-5)
-    finite = log_density.grad.isfinite()  # the density of 0 has no logarithm
-    torch.testing.assert_close(
-        out.log_density[:n].cpu().double()[finite], log_density.grad[finite], rtol=1e-3, atol=1e-4
+    torch.testing.assert_close(out.log_density[:n].cpu().double(), log_density.grad, rtol=1e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "optimiser",
+    [
+        OptimiserConfig(),
+        OptimiserConfig(loss=HuberLoss(0.2), entropy_weight=0.3),
+        OptimiserConfig(loss=GaussianLikelihoodLoss(), distortion_weight=0.1),
+    ],
+    ids=["squared", "huber and entropy", "likelihood"],
+)
+def test_gradients_of_losses_are_finite_differences(optimiser):
+    colour, opacity, variance = (
+        random(RAYS, 3).sigmoid(),
+        random(RAYS, seed=1).sigmoid(),
+        random(RAYS, seed=2).exp(),
     )
+    target, weights = random(RAYS, 3, seed=3).sigmoid().double(), random(RAYS, seed=4).abs().double()
+    weights[:4], target[:4] = 0.0, torch.nan
+    collected = [x.double() for x in (colour, opacity, variance)]
 
+    def total(colour: torch.Tensor, opacity: torch.Tensor, variance: torch.Tensor) -> RayLosses:
+        answers = RayAnswers(colour, opacity, opacity, variance)
+        return ray_losses(answers, target, weights, weights.sum(), optimiser)
 
-@pytest.mark.parametrize("huber_delta", [None, 0.2])
-def test_losses_and_their_gradients_are_autograds(huber_delta):
-    answers = GpuCompositor(SceneArguments.of(MARCH, BOX, True), CONFIG).composite(
-        torch.zeros(RAYS + 1, dtype=torch.int32, device=DEVICE),
-        *(torch.zeros(x, device=DEVICE) for x in (ROOM, ROOM, (3, ROOM), ROOM)),
-    )
-    answers.colour.copy_(random(RAYS, 3).sigmoid())
-    answers.variance.copy_(random(RAYS, seed=1).exp() * 0.1)
-    target, weights = random(RAYS, 3, seed=2).sigmoid(), random(RAYS, seed=3).abs()
-    weights[:4] = 0.0
-    target[:4] = torch.nan
-    total = weights.sum()
-    got = ray_losses(answers, target, weights, total, huber_delta, CONFIG)
-
-    used = weights.cpu() > 0
-    colour, variance = (x.cpu().double().requires_grad_() for x in (answers.colour, answers.variance))
-    error = (colour - target.cpu())[used]
-    size = error.abs()
-    cost = error.square()
-    if huber_delta:
-        cost = torch.where(size <= huber_delta, cost, huber_delta * (2 * size - huber_delta))
-    share = (weights.cpu() / total.cpu())[used].double()
-    squared = error.square().mean(-1)
-    v = variance[used] + RENDERED_VARIANCE_FLOOR
-    loss = (share * cost.mean(-1)).sum()
-    (loss + (share * 0.5 * (squared.detach() / v + v.log())).sum()).backward()
-    torch.testing.assert_close(got.loss.cpu().double().sum(), loss.detach(), rtol=1e-5, atol=0)
-    torch.testing.assert_close(got.squared_error.cpu().double()[used], squared.detach(), rtol=1e-4, atol=1e-7)
-    torch.testing.assert_close(got.colour_gradient.cpu().double(), colour.grad, rtol=1e-4, atol=1e-7)
-    torch.testing.assert_close(got.variance_gradient.cpu().double(), variance.grad, rtol=1e-3, atol=1e-5)
+    got = total(*collected)
     assert not got.loss[:4].any()
+    assert not got.colour_gradient[:4].any()
+    squared = (collected[0] - target)[4:].square().mean(-1)
+    torch.testing.assert_close(got.squared_error[4:], squared)
+    assert (got.distortion_weight is None) == (optimiser.distortion_weight == 0)
+    share = weights / weights.sum()
+    nudge = 1e-6
+    for position, gradient in ((0, got.colour_gradient[:, 1]), (1, got.opacity_gradient)):
+        sides = []
+        for sign in (1, -1):
+            moved = [x.clone() for x in collected]
+            (moved[0][:, 1] if position == 0 else moved[1]).add_(sign * nudge)
+            sides.append(total(*moved).loss)
+        torch.testing.assert_close(gradient, (sides[0] - sides[1]) / (2 * nudge), rtol=1e-4, atol=1e-8)
+    v = collected[2] + RENDERED_VARIANCE_FLOOR
+    likelihood = torch.where(weights > 0, share * 0.5 * (1 / v - got.squared_error / v**2), 0.0)
+    torch.testing.assert_close(got.variance_gradient, likelihood)
 
 
 @SPACES
@@ -108,7 +147,7 @@ def test_gradients_gathered_along_rays_are_autograds(space):
     nothing = torch.zeros(ROOM, device=DEVICE)
     index = nothing.int()
     samples = ReachedSamples(offsets, index, index, distance, nothing, torch.zeros(3, ROOM, device=DEVICE))
-    scene = SceneArguments.of(MARCH, space, True)
+    scene = SceneArguments.of(MARCH, space)
     got = gather_ray_gradients(samples, o, d, to_points, to_bands, 3, scene, CONFIG)
 
     origins, directions = (x.cpu().double().requires_grad_() for x in (o, d))

@@ -30,8 +30,8 @@ def uniform(seed: int, index: int, dimension: int) -> float:
     return (h >> 8) * 2.0**-24
 
 
-def occupied_cells() -> torch.Tensor:
-    return random(16, 16, 16, seed=5) > 0.3
+def occupied_cells(cascades: int = 1) -> torch.Tensor:
+    return random(cascades, 16, 16, 16, seed=5) > 0.3
 
 
 def all_marched(marcher: Marcher, *arrays: torch.Tensor | None) -> tuple[torch.Tensor, torch.Tensor]:
@@ -43,10 +43,11 @@ def all_marched(marcher: Marcher, *arrays: torch.Tensor | None) -> tuple[torch.T
 
 
 @SPACES
-def test_samples_are_the_references(space):
+@pytest.mark.parametrize("cascades", [1, 3])
+def test_samples_are_the_references(space, cascades):
     o, d = rays(150)
     d[0] = torch.tensor([0.0, 0.0, 1.0])  # along an axis
-    cells, scene = occupied_cells(), SceneArguments.of(MARCH, space, True)
+    cells, scene = occupied_cells(cascades), SceneArguments.of(MARCH, space)
     jitter = torch.tensor([uniform(SEED, ray, JITTER) for ray in range(150)])
     want = march_rays(o.cpu(), d.cpu(), space, MARCH, cells.cpu(), jitter)
     ray, distance = all_marched(Marcher(cells, scene, CONFIG, SEED), o, d, None)
@@ -61,7 +62,7 @@ def test_samples_are_the_references(space):
 
 def test_waves_march_the_same_samples_as_one_go():
     o, d = rays(150)
-    cells, scene = occupied_cells(), SceneArguments.of(MARCH, BOX, True)
+    cells, scene = occupied_cells(), SceneArguments.of(MARCH, BOX)
     whole = all_marched(Marcher(cells, scene, CONFIG, SEED), o, d, None)
     waves = replace(CONFIG, wave_rays=128, wave_samples=2000)
     parts = all_marched(Marcher(cells, scene, waves, SEED), o, d, None)
@@ -72,7 +73,7 @@ def test_waves_march_the_same_samples_as_one_go():
 def test_rays_of_no_weight_have_no_samples():
     o, d = rays(100)
     weights = (torch.arange(100, device=DEVICE) % 2).float()
-    scene = SceneArguments.of(MARCH, BOX, True)
+    scene = SceneArguments.of(MARCH, BOX)
     ray, _ = all_marched(Marcher(occupied_cells(), scene, CONFIG, None), o, d, weights)
     assert len(ray) > 0
     assert (ray % 2 == 1).all()
@@ -82,7 +83,7 @@ def test_rays_of_no_weight_have_no_samples():
 @pytest.mark.parametrize("least_opacity", [0.0, 0.05])
 def test_kept_samples_are_those_that_light_reaches_and_that_are_not_thin(space, least_opacity):
     o, d = rays(100)
-    scene = SceneArguments.of(MARCH, space, True)
+    scene = SceneArguments.of(MARCH, space)
     ((_, marched),) = Marcher(occupied_cells(), scene, CONFIG, None).waves(o, d, None)
     n = marched.samples
     density = (2 * random(len(marched.ray), seed=3)).exp()

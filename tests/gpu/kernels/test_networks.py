@@ -3,7 +3,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from mulan.radiance.gpu.composite_kernels import SampleGradients
+from mulan.radiance.gpu.composite_backward_kernel import SampleGradients
 from mulan.radiance.gpu.gpu_networks import GpuNetworks
 from mulan.radiance.gpu.launch import MatrixPrecision
 from mulan.radiance.gpu.ray_kernels import direction_harmonics
@@ -20,7 +20,8 @@ MARCHED, REACHED, ROOM, RAYS = 700, 500, 1024, 20
 class Problem:
     """Samples of some rays, not all of them reached, and the reference's answer with its gradients."""
 
-    def __init__(self) -> None:
+    def __init__(self, variance_teaches: bool = False) -> None:
+        self.variance_teaches = variance_teaches
         self.field = RadianceField(FIELD, torch.Generator().manual_seed(1))
         with torch.no_grad():
             self.field.density_hidden.mul_(2)
@@ -48,7 +49,7 @@ class Problem:
         first = linear(torch.cat([self.bands, features], -1), f.colour_hidden_0).relu()
         logits = linear(linear(first, f.colour_hidden_1).relu(), f.colour_out)
         self.density, self.colour = torch.exp(features[:, 0] - 1.5), logits.sigmoid()
-        self.variance = f.variance(hidden, features)
+        self.variance = f.variance(hidden, features, self.variance_teaches)
         upstream = [
             x[..., :REACHED].cpu() for x in (self.gradients.logits.T[:REACHED].T, self.gradients.log_density)
         ]
@@ -86,6 +87,7 @@ def test_values_and_all_gradients_are_the_references(problem, precision, toleran
         problem.gradients,
         learn=True,
         rays=True,
+        variance_teaches=False,
     )
     # a ReLU at its kink may fall to either side; and the interpreter truncates to bf16, a GPU rounds
     tolerance *= 4
@@ -101,7 +103,20 @@ def test_gradients_to_rays_alone_are_those_of_the_whole(problem):
     networks = GpuNetworks(FIELD, CONFIG)
     arguments = problem.encoded, problem.reached, problem.harmonics, problem.flat
     seen = networks.colour(*arguments)
-    got = networks.backward(*arguments, seen, problem.gradients, learn=False, rays=True)
+    got = networks.backward(
+        *arguments, seen, problem.gradients, learn=False, rays=True, variance_teaches=False
+    )
     assert got.parameters is None
     assert relative_error(got.encoded[:, :REACHED].T, problem.inputs.grad) < 1e-4
     assert relative_error(got.harmonics[:9, :REACHED].T, problem.bands.grad) < 1e-4
+
+
+def test_a_variance_that_teaches_reaches_the_trunk():
+    problem, networks = Problem(variance_teaches=True), GpuNetworks(FIELD, CONFIG)
+    arguments = problem.encoded, problem.reached, problem.harmonics, problem.flat
+    seen = networks.colour(*arguments)
+    for learn in (True, False):
+        got = networks.backward(
+            *arguments, seen, problem.gradients, learn=learn, rays=False, variance_teaches=True
+        )
+        assert relative_error(got.encoded[:, :REACHED].T, problem.inputs.grad) < 1e-4

@@ -3,6 +3,7 @@ import torch
 
 from mulan.radiance.config import MarchConfig
 from mulan.radiance.gpu.gpu_occupancy import GpuGrid
+from mulan.radiance.kernels.cascades import cell_at, consulted_cells
 from mulan.radiance.kernels.march import bounded_step_m
 from tests.gpu.kernels.blocks import CONFIG
 from tests.gpu.kernels.place import BOX, DEVICE, WORLD
@@ -46,9 +47,25 @@ def test_empty_cells_are_switched_off_once_the_grid_is_warm(space):
         assert not grid.is_warm
         grid.refresh(half_full, refresh)
     assert grid.is_warm
-    assert grid.occupied[4:].all()
-    assert not grid.occupied[:4].any()
+    assert grid.occupied[0, 4:].all()
+    assert not grid.occupied[0, :4].any()
     before = grid.opacity.clone()
     grid.refresh(lambda unit, _: torch.zeros_like(unit[0]), 0)
-    share = float((grid.opacity[4:] < before[4:]).float().mean())
+    share = float((grid.opacity[0, 4:] < before[0, 4:]).float().mean())
     assert 0.5 <= share < 0.7  # half of the occupied cells, and an eighth of all
+
+
+def test_cells_that_a_finer_cascade_covers_are_never_visited():
+    march = MarchConfig(steps=48, occupancy_resolution=16, cascades=2)
+    grid, consulted = GpuGrid(march, WORLD, CONFIG, DEVICE), consulted_cells(march)
+    seen = []
+
+    def record(unit: torch.Tensor, count: int) -> torch.Tensor:
+        seen.append(unit[:, :count].cpu())
+        return torch.ones_like(unit[0])
+
+    grid.refresh(record, seed=5)
+    assert torch.equal(grid.opacity.cpu() > 0, consulted)
+    assert grid.occupied_share == 1
+    # every point lies in the cell it stands for
+    assert torch.equal(cell_at(seen[0].unbind(0), 2, 16), consulted.view(-1).nonzero()[:, 0].int())

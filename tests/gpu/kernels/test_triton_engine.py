@@ -9,14 +9,16 @@ from mulan.radiance.gpu.launch import BlockSizes, MatrixPrecision, TritonConfig
 from mulan.radiance.gpu.triton_engine import TritonEngine
 from mulan.radiance.kernels.native_grid import NativeGridConfig
 from mulan.radiance.kernels.native_library import find_native_library
+from mulan.radiance.loss import GaussianLikelihoodLoss, HuberLoss
 from mulan.radiance.native_engine import NativeConfig, NativeEngine
+from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.radiance.space import SceneSpace
-from mulan.radiance.torch_engine import OptimiserConfig, TorchEngine
+from mulan.radiance.torch_engine import TorchEngine
 from tests.gpu.kernels.place import DEVICE, relative_error
 from tests.native.spheres import batch_around, rays_around
 
 FIELD = FieldConfig(levels=3, log2_table_size=9, base_resolution=8, finest_resolution=32, width=16)
-MARCH = MarchConfig(steps=48, occupancy_resolution=16)
+MARCH = MarchConfig(steps=48, occupancy_resolution=16, cascades=2)
 GRID = NativeGridConfig(warm_up_refreshes=2)
 CONFIG = TritonConfig(
     precision=MatrixPrecision.FP32,
@@ -24,7 +26,15 @@ CONFIG = TritonConfig(
     occupancy=GRID,
     blocks=BlockSizes(samples=8192, matrix_samples=4096, rays=128, steps=64, matrix_programs=1),
 )
-OPTIMISER = OptimiserConfig(occupancy_every=2)
+PLAIN = OptimiserConfig(occupancy_every=2)
+HUBER = OptimiserConfig(
+    loss=HuberLoss(0.1),
+    entropy_weight=0.01,
+    distortion_weight=0.03,
+    random_background=True,
+    occupancy_every=2,
+)
+LIKELIHOOD = OptimiserConfig(loss=GaussianLikelihoodLoss(), distortion_weight=0.03, occupancy_every=2)
 SPACES = pytest.mark.parametrize(
     "space",
     [SceneSpace((0.0, 0.0, 0.0), 0.8, unbounded) for unbounded in (False, True)],
@@ -33,8 +43,10 @@ SPACES = pytest.mark.parametrize(
 BOX = SceneSpace((0.0, 0.0, 0.0), 0.8, False)
 
 
-def make_engine(space: SceneSpace = BOX, config: TritonConfig = CONFIG) -> TritonEngine:
-    return TritonEngine(FIELD, MARCH, space, True, 3, DEVICE, OPTIMISER, config)
+def make_engine(
+    space: SceneSpace = BOX, config: TritonConfig = CONFIG, optimiser: OptimiserConfig = PLAIN
+) -> TritonEngine:
+    return TritonEngine(FIELD, MARCH, space, True, 3, DEVICE, optimiser, config)
 
 
 def learnt_state(space: SceneSpace) -> dict[str, torch.Tensor]:
@@ -73,30 +85,41 @@ def test_answers_are_the_torch_engines(space, learnt):
         torch.testing.assert_close(getattr(mine, name), getattr(theirs, name), rtol=1e-3, atol=1e-4)
 
 
-@SPACES
-def test_learning_is_the_native_engines(space, learnt):
+@pytest.mark.parametrize(
+    ("unbounded", "optimiser"),
+    [(False, PLAIN), (True, PLAIN), (False, HUBER), (True, LIKELIHOOD)],
+    ids=["bounded", "unbounded", "huber, entropy, distortion, random background", "likelihood, distortion"],
+)
+def test_learning_is_the_native_engines(unbounded, optimiser, learnt):
     """Same samples, same loss, same gradients: steps from one state end in one state but for rounding."""
     library, reason = find_native_library()
     if library is None:
         pytest.skip(f"no native engine to compare with: {reason}")
-    engine = make_engine(space)
+    space = SceneSpace((0.0, 0.0, 0.0), 0.8, unbounded)
+    engine = make_engine(space, optimiser=optimiser)
     native = NativeEngine(
-        *(FIELD, MARCH, space, True, 3, OPTIMISER, NativeConfig(occupancy=GRID)), library=library
+        FIELD, MARCH, space, True, 3, optimiser, NativeConfig(occupancy=GRID), library=library
     )
-    engine.load_state(learnt[space.unbounded])
+    engine.load_state(learnt[unbounded])
     native.load_state(engine.state())
-    g = torch.Generator().manual_seed(8)
-    for _ in range(2):
+    g, R = torch.Generator().manual_seed(8), torch.linalg.qr(torch.randn(2, 3, 3))[0]
+    for turn in range(2):
         batch = batch_around(120, g)
         batch.weights[:10] = 0.0
         batch.colours[:10] = torch.nan
-        mine, to_rays = engine.train_step_with_ray_gradients(batch, 1.0)
-        theirs, want = native.train_step_with_ray_gradients(batch, 1.0)
+        batch = replace(batch, opacity=torch.rand(120, generator=g), image_index=torch.arange(120) % 2)
+        if turn == 0:
+            mine, to_rays = engine.train_step_with_ray_gradients(batch, 1.0)
+            theirs, want = native.train_step_with_ray_gradients(batch, 1.0)
+            assert relative_error(to_rays.origins, want.origins) < 2e-3
+            assert relative_error(to_rays.directions, want.directions) < 2e-3
+        else:
+            mine, to_poses = engine.train_step_with_pose_gradients(batch, 1.0, R)
+            theirs, want = native.train_step_with_pose_gradients(batch, 1.0, R)
+            assert relative_error(to_poses, want) < 5e-3
         assert mine.loss == pytest.approx(theirs.loss, rel=1e-4)
         assert mine.mean_squared_error == pytest.approx(theirs.mean_squared_error, rel=1e-4)
         assert mine.samples == theirs.samples
-        assert relative_error(to_rays.origins, want.origins) < 2e-3
-        assert relative_error(to_rays.directions, want.directions) < 2e-3
     a, b = engine.state(), native.state()
     assert a.keys() == b.keys()
     for name in a:

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mulan.radiance.config import FieldConfig, MarchConfig
+from mulan.radiance.gpu.composite_backward_kernel import composite_backward
 from mulan.radiance.gpu.composite_kernels import GpuCompositor, RayAnswers
 from mulan.radiance.gpu.gpu_networks import GpuNetworks, NetworkOutputs
 from mulan.radiance.gpu.gpu_occupancy import GpuGrid
@@ -16,6 +17,7 @@ from mulan.radiance.gpu.launch import TritonConfig
 from mulan.radiance.gpu.march_kernels import Marcher
 from mulan.radiance.gpu.parameters import FlatParameters
 from mulan.radiance.gpu.ray_kernels import direction_harmonics, gather_ray_gradients
+from mulan.radiance.gpu.ray_losses import RayLosses
 from mulan.radiance.gpu.reach_kernels import ReachedSamples, keep_reached
 from mulan.radiance.gpu.space_kernels import SceneArguments
 from mulan.radiance.ray_gradients import RayGradients
@@ -35,6 +37,7 @@ class Wave:
         harmonics: Of each ray's direction.
         seen: What the networks say of each reached sample.
         blend: Its compositing weight.
+        background: Behind all rays, or behind each.
         answers: What each ray collects.
     """
 
@@ -47,6 +50,7 @@ class Wave:
     harmonics: Float[Tensor, "r 16"]
     seen: NetworkOutputs
     blend: Float[Tensor, "room"]
+    background: Float[Tensor, "*r 3"]
     answers: RayAnswers
 
 
@@ -70,12 +74,13 @@ class GpuField:
         device: torch.device,
     ) -> None:
         self._field, self._march, self._config = field, march, config
-        self._scene = SceneArguments.of(march, space, white_background)
+        self._scene = SceneArguments.of(march, space)
         self.parameters = FlatParameters(field, generator, device)
         self.encoding = GpuEncoding(field, config, device)
         self.grid = GpuGrid(march, space, config, device)
         self._networks = GpuNetworks(field, config)
         self._compositor = GpuCompositor(self._scene, config)
+        self._background = torch.full((3,), float(white_background), device=device)
 
     def density_unit(self, unit: Float[Tensor, "3 room"], count: int) -> Float[Tensor, "room"]:
         """Densities per scene radius of the first ``count`` points of the unit cube."""
@@ -89,8 +94,12 @@ class GpuField:
         weights: Float[Tensor, "r"] | None = None,
         seed: int | None = None,
         exploring_share: float = 0.0,
+        backgrounds: Float[Tensor, "r 3"] | None = None,
     ) -> Iterator[Wave]:
-        """What rays see; with a seed their samples are jittered, rays of weight 0 see the background."""
+        """What rays see; with a seed their samples are jittered, rays of weight 0 see the background.
+
+        Backgrounds, where given, take the place of the scene's.
+        """
         parameters, config, scene = self.parameters, self._config, self._scene
         least = self._march.least_opacity if scene.unbounded and self.grid.is_warm else 0.0
         for first, marched in Marcher(self.grid.occupied, scene, config, seed).waves(
@@ -105,8 +114,10 @@ class GpuField:
             harmonics = direction_harmonics(directions[part], self._field.harmonics_degree)
             seen = self._networks.colour(encoded, reached, harmonics, parameters.networks)
             blend = torch.empty_like(seen.variance)
+            background = self._background if backgrounds is None else backgrounds[part]
             answers = self._compositor.composite(
-                reached.offsets, reached.distance_m, reached.density, seen.colour, seen.variance, blend
+                *(reached.offsets, reached.distance_m, reached.density, seen.colour, seen.variance),
+                *(background, blend),
             )
             yield Wave(
                 part,
@@ -118,25 +129,20 @@ class GpuField:
                 harmonics,
                 seen,
                 blend,
+                background,
                 answers,
             )
 
-    def backward(
-        self,
-        wave: Wave,
-        colour_gradient: Float[Tensor, "r 3"],
-        variance_gradient: Float[Tensor, "r"],
-        learn: bool,
-        rays: bool,
-    ) -> RayGradients | None:
+    def backward(self, wave: Wave, losses: RayLosses, learn: bool, rays: bool) -> RayGradients | None:
         """Add to the parameters' gradients (``learn``) and give those to the wave's rays (``rays``)."""
-        parameters, reached = self.parameters, wave.reached
-        to_samples = self._compositor.backward(
-            *(reached.offsets, reached.distance_m, reached.density, wave.seen.colour, wave.answers),
-            *(colour_gradient, variance_gradient),
+        parameters, reached, seen = self.parameters, wave.reached, wave.seen
+        to_samples = composite_backward(
+            *(reached.offsets, reached.distance_m, reached.density, seen.colour, seen.variance),
+            *(wave.background, losses, self._scene, self._config),
         )
         gradients = self._networks.backward(
-            *(wave.encoded, reached, wave.harmonics, parameters.networks, wave.seen, to_samples, learn, rays)
+            *(wave.encoded, reached, wave.harmonics, parameters.networks, seen, to_samples),
+            *(learn, rays, losses.variance_teaches),
         )
         if gradients.parameters is not None:
             parameters.network_gradient.add_(gradients.parameters)

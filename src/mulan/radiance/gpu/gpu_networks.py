@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mulan.radiance.config import FieldConfig
-from mulan.radiance.gpu.composite_kernels import SampleGradients
+from mulan.radiance.gpu.composite_backward_kernel import SampleGradients
 from mulan.radiance.gpu.launch import TritonConfig, padded, programs
 from mulan.radiance.gpu.network_kernels import (
     HARMONICS,
@@ -111,10 +111,12 @@ class GpuNetworks:
         gradients: SampleGradients,
         learn: bool,
         rays: bool,
+        variance_teaches: bool,
     ) -> NetworkGradients:
         """Gradients to the encodings and, where asked for, to the parameters and to the harmonics.
 
         Each program sums the parameters' gradient over its samples; the parts are added in a fixed order.
+        The variance's gradient reaches the trunk where ``variance_teaches``.
         """
         room, blocks = encoded.shape[1], self._config.blocks
         work = programs(room, blocks.matrix_samples)
@@ -148,6 +150,7 @@ class GpuNetworks:
             *(gradients.log_density, gradients.variance, to_encoded, partial_or_any, room, len(networks)),
             **self._all_sizes,
             LEARN=learn,
+            TEACH=variance_teaches,
         )
         return NetworkGradients(to_encoded, to_harmonics, None if partial is None else partial.sum(0))
 

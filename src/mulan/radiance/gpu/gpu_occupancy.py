@@ -11,7 +11,8 @@ from torch import Tensor
 
 from mulan.radiance.config import MarchConfig
 from mulan.radiance.gpu.launch import TritonConfig, programs
-from mulan.radiance.gpu.random_kernels import CELL_X, CELL_Y, CELL_Z, split_seed, uniform
+from mulan.radiance.gpu.random_kernels import CELL_X, split_seed, uniform
+from mulan.radiance.kernels.cascades import consulted_cells, unit_points
 from mulan.radiance.kernels.march import bounded_step_m, unbounded_step_m
 from mulan.radiance.space import SceneSpace
 
@@ -20,27 +21,19 @@ from mulan.radiance.space import SceneSpace
 @no_type_check
 def cell_points_kernel(
     cells,
-    unit,
+    within,
     n,
-    room,
-    side,
     seed_low,
     seed_high,
     X: tl.constexpr,
-    Y: tl.constexpr,
-    Z: tl.constexpr,
     B: tl.constexpr,
 ):
-    """One random point of the unit cube in each cell."""
+    """A random place in [0, 1)³ within each cell."""
     i = tl.program_id(0) * B + tl.arange(0, B)
     on = i < n
     cell = tl.load(cells + i, mask=on, other=0)
-    x = (cell % side + uniform(seed_low, seed_high, cell, X)) / side
-    y = (cell // side % side + uniform(seed_low, seed_high, cell, Y)) / side
-    z = (cell // (side * side) + uniform(seed_low, seed_high, cell, Z)) / side
-    tl.store(unit + i, x, mask=on)
-    tl.store(unit + room + i, y, mask=on)
-    tl.store(unit + 2 * room + i, z, mask=on)
+    for axis in tl.static_range(3):
+        tl.store(within + 3 * i + axis, uniform(seed_low, seed_high, cell, X + axis), mask=on)
 
 
 class GpuGrid:
@@ -49,20 +42,25 @@ class GpuGrid:
     The same cells are visited at the same points as by the native engine's grid.
 
     Attributes:
-        opacity: Running maximum of density times step, indexed [z, y, x].
-        occupied: Cells to sample; all of them at first.
+        opacity: Running maximum of density times step, indexed [cascade, z, y, x], finest cascade first.
+        occupied: Cells to sample; at first all that no finer cascade covers.
         refreshes: How many there have been.
     """
 
     def __init__(
         self, march: MarchConfig, space: SceneSpace, config: TritonConfig, device: torch.device
     ) -> None:
-        side = march.occupancy_resolution
-        self.opacity = torch.zeros(side, side, side, device=device)
-        self.occupied = torch.ones(side, side, side, dtype=torch.bool, device=device)
+        consulted = consulted_cells(march).to(device)
+        self.opacity = torch.zeros(consulted.shape, device=device)
+        self.occupied = consulted.clone()
         self.refreshes = 0
         self._march, self._space, self._config = march, space, config
-        self._every_cell = torch.arange(side**3, dtype=torch.int32, device=device)
+        self._cells = consulted.view(-1).nonzero()[:, 0].int()
+
+    @property
+    def occupied_share(self) -> float:
+        """Share of the cells in use that are on."""
+        return float(self.occupied.sum()) / len(self._cells)
 
     @property
     def is_warm(self) -> bool:
@@ -86,7 +84,8 @@ class GpuGrid:
             flat[at] = torch.maximum(flat[at] * config.decay, value)
         self.refreshes += 1
         if self.is_warm:
-            threshold = self.opacity.mean().clamp_max(self._march.occupancy_threshold)
+            mean = self.opacity.sum() / len(self._cells)
+            threshold = mean.clamp_max(self._march.occupancy_threshold)
             torch.gt(self.opacity, threshold, out=self.occupied)
 
     def restore(self, opacity: Tensor, occupied: Tensor, refreshes: int) -> None:
@@ -96,22 +95,24 @@ class GpuGrid:
         self.refreshes = refreshes
 
     def _visited(self) -> Int[Tensor, "cells"]:
-        """All cells during the warm-up; then one in so many, and one in fewer of those that are on."""
+        """All cells in use during the warm-up; then one in so many, and one in fewer of those that are on."""
         if not self.is_warm:
-            return self._every_cell
-        config, cell = self._config.occupancy, self._every_cell
+            return self._cells
+        config, cell = self._config.occupancy, self._cells
         anywhere = cell % config.cell_stride == self.refreshes % config.cell_stride
         stride = config.occupied_cell_stride
-        return cell[anywhere | (self.occupied.view(-1) & (cell % stride == self.refreshes % stride))]
+        occupied = self.occupied.view(-1)[cell.long()]
+        return cell[anywhere | (occupied & (cell % stride == self.refreshes % stride))]
 
     def _points(self, cells: Int[Tensor, "cells"], seed: int) -> Float[Tensor, "3 room"]:
         room = max(programs(len(cells), self._config.room), 1) * self._config.room
-        unit, block = torch.empty(3, room, device=cells.device), self._config.blocks.samples
+        within, block = torch.empty(len(cells), 3, device=cells.device), self._config.blocks.samples
         if len(cells):
             cell_points_kernel[(programs(len(cells), block),)](
-                *(cells, unit, len(cells), room, self._march.occupancy_resolution, *split_seed(seed)),
-                *(CELL_X, CELL_Y, CELL_Z, block),
+                *(cells, within, len(cells), *split_seed(seed), CELL_X, block)
             )
+        unit = torch.empty(3, room, device=cells.device)
+        unit[:, : len(cells)] = unit_points(cells, within, *self.opacity.shape[:2]).T
         return unit
 
     def _step_in_radii(self, unit: Float[Tensor, "cells 3"]) -> Float[Tensor, "cells"]:

@@ -45,10 +45,28 @@ def box_interval(o, d, centre, radius):
 
 @triton.jit
 @no_type_check
-def cell_of(unit, side):
-    """Index along one axis of the occupancy grid."""
+def place_on_axis(unit, magnification, side):
+    """Index along one axis of a cascade's grid."""
+    scaled = ((unit - 0.5) * magnification + 0.5) * side
     # before the cast: far beyond the grid it would overflow
-    return tl.minimum(tl.maximum(unit * side, 0.0), side - 1.0).to(tl.int32)
+    return tl.minimum(tl.maximum(scaled, 0.0), side - 1.0).to(tl.int32)
+
+
+@triton.jit
+@no_type_check
+def cell_at(x, y, z, side, CASCADES: tl.constexpr):
+    """Flat index of the cell, in the finest cascade, that holds a unit point (``kernels/cascades.py``)."""
+    magnification = tl.zeros_like(x) + 1.0
+    cascade = tl.zeros_like(x).to(tl.int32) + (CASCADES - 1)
+    norm = tl.maximum(tl.maximum(tl.abs(x - 0.5), tl.abs(y - 0.5)), tl.abs(z - 0.5))
+    for finer in tl.static_range(1, CASCADES):
+        inside = norm * (1 << finer) < 0.5
+        magnification = tl.where(inside, 1.0 * (1 << finer), magnification)
+        cascade = tl.where(inside, CASCADES - 1 - finer, cascade)
+    i = place_on_axis(x, magnification, side)
+    j = place_on_axis(y, magnification, side)
+    k = place_on_axis(z, magnification, side)
+    return ((cascade * side + k) * side + j) * side + i
 
 
 @triton.jit(do_not_specialize=["rays", "first_ray", "seed_low", "seed_high"])
@@ -82,6 +100,7 @@ def march_kernel(
     WEIGHTED: tl.constexpr,
     WRITE: tl.constexpr,
     DIMENSION: tl.constexpr,
+    CASCADES: tl.constexpr,
     R: tl.constexpr,
     S: tl.constexpr,
 ):
@@ -124,7 +143,7 @@ def march_kernel(
         x, y, z = to_unit(
             ox + t * dx, oy + t * dy, oz + t * dz, centre_x, centre_y, centre_z, radius, UNBOUNDED
         )
-        cell = (cell_of(z, side) * side + cell_of(y, side)) * side + cell_of(x, side)
+        cell = cell_at(x, y, z, side, CASCADES)
         here = here & (tl.load(occupied + cell, mask=here, other=0) != 0)
         if WRITE:
             slot = at[:, None] + found[:, None] + tl.cumsum(here.to(tl.int32), 1) - 1
@@ -143,13 +162,13 @@ class Marcher:
     """Marches rays through a scene.
 
     Attributes:
-        occupied: Cells of the unit cube worth sampling.
+        occupied: Cells of the unit cube worth sampling, finest cascade first.
         scene: Space and steps.
         config: How to run.
         seed: Where in its step each ray's samples lie; None = in the middle.
     """
 
-    occupied: Bool[Tensor, "z y x"]
+    occupied: Bool[Tensor, "k z y x"]
     scene: SceneArguments
     config: TritonConfig
     seed: int | None
@@ -212,13 +231,14 @@ class Marcher:
         march_kernel[(programs(rays, blocks.rays),)](
             *(origins, directions, weights, self.occupied.view(torch.uint8)),
             *(counts, offsets, ray, distance, unit, rays, first_ray, *split_seed(self.seed or 0)),
-            *(unit.shape[-1], scene.steps, self.occupied.shape[0]),
+            *(unit.shape[-1], scene.steps, self.occupied.shape[-1]),
             *(*scene.centre_m, scene.radius_m, scene.step_m, scene.near_m, scene.growth),
             UNBOUNDED=scene.unbounded,
             JITTERED=self.seed is not None,
             WEIGHTED=weighted,
             WRITE=write,
             DIMENSION=JITTER,
+            CASCADES=len(self.occupied),
             R=blocks.rays,
             S=blocks.steps,
         )

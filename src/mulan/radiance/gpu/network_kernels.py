@@ -259,9 +259,13 @@ def density_backward_kernel(
     OPERAND: tl.constexpr,
     PRODUCT: tl.constexpr,
     LEARN: tl.constexpr,
+    TEACH: tl.constexpr,
     B: tl.constexpr,
 ):
-    """Gradient to the encoding and, with LEARN, to the density network and the variance head."""
+    """Gradient to the encoding and, with LEARN, to the density network and the variance head.
+
+    Unless TEACH, the head's inputs count as given: its loss does not reach the trunk.
+    """
     out_at = W * E + G * W + W * (K + G) + W * W
     d0 = load_matrix(networks, W, E, E, WP, EP)
     d1 = load_matrix(networks + W * E, G, W, W, GP, WP)
@@ -280,17 +284,23 @@ def density_backward_kernel(
         g_geometry = load_rows(to_geometry, i, on, room, G, GP)
         g_density = tl.load(to_log_density + i, mask=on, other=0.0)
         g_geometry += tl.where(feature[None, :] == 0, g_density[:, None], 0.0)
-        g_hidden = tl.where(hidden > 0, multiply(g_geometry, d1, OPERAND, PRODUCT), 0.0)
+        if LEARN or TEACH:
+            geometry = load_rows(geometry_in, i, on, room, G, GP).to(tl.float32)
+            raw = tl.sum(hidden * v_hidden[None, :], 1) + tl.sum(geometry * v_geometry[None, :], 1)
+            g_raw = tl.load(to_variance + i, mask=on, other=0.0) * tl.sigmoid(raw)
+        if LEARN:
+            g_v_hidden += tl.sum(g_raw[:, None] * hidden, 0)
+            g_v_geometry += tl.sum(g_raw[:, None] * geometry, 0)
+        if TEACH:
+            g_geometry += g_raw[:, None] * v_geometry[None, :]
+        g_hidden = multiply(g_geometry, d1, OPERAND, PRODUCT)
+        if TEACH:
+            g_hidden += g_raw[:, None] * v_hidden[None, :]
+        g_hidden = tl.where(hidden > 0, g_hidden, 0.0)
         store_rows(to_encoded, multiply(g_hidden, d0, OPERAND, PRODUCT), i, on, room, E, EP)
         if LEARN:
             g_d0 += multiply(tl.trans(g_hidden), x, OPERAND, PRODUCT)
             g_d1 += multiply(tl.trans(g_geometry), hidden, OPERAND, PRODUCT)
-            # the variance head's inputs count as given: its loss must not reach the trunk
-            geometry = load_rows(geometry_in, i, on, room, G, GP).to(tl.float32)
-            raw = tl.sum(hidden * v_hidden[None, :], 1) + tl.sum(geometry * v_geometry[None, :], 1)
-            g_raw = tl.load(to_variance + i, mask=on, other=0.0) * tl.sigmoid(raw)
-            g_v_hidden += tl.sum(g_raw[:, None] * hidden, 0)
-            g_v_geometry += tl.sum(g_raw[:, None] * geometry, 0)
     if LEARN:
         mine = partial_gradients + tl.program_id(0) * parameters
         store_matrix(mine, g_d0, W, E, E, WP, EP)

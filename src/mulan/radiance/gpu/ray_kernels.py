@@ -1,6 +1,5 @@
-"""What belongs to a ray as a whole: harmonics of its direction, loss, gradients gathered from its samples."""
+"""What belongs to a ray as a whole: harmonics of its direction, gradients gathered from its samples."""
 
-from dataclasses import dataclass
 from typing import no_type_check
 
 import torch
@@ -9,64 +8,12 @@ import triton.language as tl
 from jaxtyping import Float
 from torch import Tensor
 
-from mulan.radiance.gpu.composite_kernels import RayAnswers
 from mulan.radiance.gpu.launch import TritonConfig, programs
 from mulan.radiance.gpu.network_kernels import HARMONICS
 from mulan.radiance.gpu.reach_kernels import ReachedSamples
 from mulan.radiance.gpu.space_kernels import SceneArguments, to_unit_backward
 from mulan.radiance.kernels.spherical_harmonics import spherical_harmonics
 from mulan.radiance.ray_gradients import RayGradients
-from mulan.radiance.torch_engine import RENDERED_VARIANCE_FLOOR
-
-
-@dataclass(frozen=True)
-class RayLosses:
-    """Loss of each ray, weighted by its share, its squared error, and the gradients of the whole loss."""
-
-    loss: Float[Tensor, "r"]
-    squared_error: Float[Tensor, "r"]
-    colour_gradient: Float[Tensor, "r 3"]
-    variance_gradient: Float[Tensor, "r"]
-
-
-@triton.jit(do_not_specialize=["rays", "huber_delta"])
-@no_type_check
-def loss_kernel(
-    colour,
-    variance,
-    target,
-    weights,
-    total_weight,
-    loss_out,
-    squared_out,
-    colour_gradient,
-    variance_gradient,
-    rays,
-    huber_delta,
-    variance_floor,
-    B: tl.constexpr,
-):
-    """Squared or Huber error and the likelihood of the squared error under the rendered variance."""
-    ray = tl.program_id(0) * B + tl.arange(0, B)
-    weight = tl.load(weights + ray, mask=ray < rays, other=0.0)
-    # a ray of no weight may have any colour, even NaN
-    on = weight > 0
-    share = tl.where(on, weight / tl.maximum(tl.load(total_weight), 1e-12), 0.0)
-    cost = tl.zeros([B], tl.float32)
-    squared = cost
-    for channel in tl.static_range(3):
-        error = tl.load(colour + 3 * ray + channel, mask=on, other=0.0)
-        error -= tl.load(target + 3 * ray + channel, mask=on, other=0.0)
-        size = tl.abs(error)
-        linear = (size > huber_delta) & (huber_delta > 0)
-        squared += error * error * (1.0 / 3)
-        cost += tl.where(linear, huber_delta * (2 * size - huber_delta), error * error) * (1.0 / 3)
-        slope = tl.where(linear, tl.where(error < 0, -2 * huber_delta, 2 * huber_delta), 2 * error)
-        tl.store(colour_gradient + 3 * ray + channel, share * slope * (1.0 / 3), mask=ray < rays)
-    v = tl.load(variance + ray, mask=on, other=0.0) + variance_floor
-    tl.store(variance_gradient + ray, 0.5 * share * (1 / v - squared / (v * v)), mask=ray < rays)
-    tl.store(loss_out + ray, share * cost, mask=ray < rays)
-    tl.store(squared_out + ray, squared, mask=ray < rays)
 
 
 @triton.jit(do_not_specialize=["rays"])
@@ -139,27 +86,6 @@ def direction_harmonics(directions: Float[Tensor, "r 3"], degree: int) -> Float[
     """Harmonics of each ray's direction, padded with zeros."""
     out = directions.new_zeros(len(directions), HARMONICS.value)
     out[:, : degree**2] = spherical_harmonics(directions, degree)
-    return out
-
-
-def ray_losses(
-    answers: RayAnswers,
-    target: Float[Tensor, "r 3"],
-    weights: Float[Tensor, "r"],
-    total_weight: Float[Tensor, ""],
-    huber_delta: float | None,
-    config: TritonConfig,
-) -> RayLosses:
-    """Losses of rays and their gradients; a ray's share is its weight over the batch's."""
-    rays, per_ray = len(weights), torch.empty_like(weights)
-    out = RayLosses(*(torch.empty_like(x) for x in (per_ray, per_ray, target, per_ray)))
-    if rays:
-        loss_kernel[(programs(rays, config.blocks.samples),)](
-            *(answers.colour, answers.variance, target, weights, total_weight),
-            *(out.loss, out.squared_error, out.colour_gradient, out.variance_gradient),
-            *(rays, float(huber_delta or 0.0), RENDERED_VARIANCE_FLOOR),
-            B=config.blocks.samples,
-        )
     return out
 
 

@@ -25,7 +25,6 @@ class SceneArguments:
         unbounded: Which of the two.
         steps: Steps a ray is cut into.
         min_transmittance: Samples behind it are dropped.
-        background: Brightness behind everything.
     """
 
     centre_m: tuple[float, float, float]
@@ -36,10 +35,9 @@ class SceneArguments:
     unbounded: bool
     steps: int
     min_transmittance: float
-    background: float
 
     @staticmethod
-    def of(march: MarchConfig, space: SceneSpace, white_background: bool) -> "SceneArguments":
+    def of(march: MarchConfig, space: SceneSpace) -> "SceneArguments":
         """Of a scene and how it is sampled."""
         steps = step_count(march)
         return SceneArguments(
@@ -51,7 +49,6 @@ class SceneArguments:
             space.unbounded,
             steps,
             march.min_transmittance,
-            1.0 if white_background else 0.0,
         )
 
 

@@ -4,15 +4,17 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from mulan.radiance.background import random_background
 from mulan.radiance.config import FieldConfig, MarchConfig
 from mulan.radiance.engine import RadianceEngine, RayBatch, RaySamples, Rendering, StepReport
 from mulan.radiance.gpu.adam_kernel import adam_step
 from mulan.radiance.gpu.gpu_field import GpuField
 from mulan.radiance.gpu.launch import TritonConfig, programs
-from mulan.radiance.gpu.ray_kernels import ray_losses
+from mulan.radiance.gpu.ray_losses import RayLosses, ray_losses
+from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.radiance.ray_gradients import RayGradients
 from mulan.radiance.space import SceneSpace
-from mulan.radiance.torch_engine import EXPLORING_SHARE, OptimiserConfig
+from mulan.radiance.torch_engine import EXPLORING_SHARE
 
 
 class TritonEngine(RadianceEngine):
@@ -52,6 +54,7 @@ class TritonEngine(RadianceEngine):
             raise ValueError(f"features an entry must be a power of two, not {field.features}")
         self.device = device or torch.device("cuda", torch.cuda.current_device())
         self.field_config, self.march_config, self.space = field, march, space
+        self.white_background = white_background
         self.optimiser_config = optimiser or OptimiserConfig()
         self.triton_config = config or TritonConfig()
         self._generator = torch.Generator().manual_seed(seed)
@@ -59,6 +62,11 @@ class TritonEngine(RadianceEngine):
             *(field, march, space, white_background, self._generator, self.triton_config, self.device)
         )
         self._steps = 0
+
+    @property
+    def occupied_share(self) -> float:
+        """Share of the occupancy cells in use that rays are sampled in."""
+        return self._field.grid.occupied_share
 
     def set_level_weights(self, weights: Float[Tensor, "levels"]) -> None:
         """Scale each level's features (coarse-to-fine); a level of weight 0 neither acts nor learns."""
@@ -77,6 +85,32 @@ class TritonEngine(RadianceEngine):
         gradients = RayGradients(*(torch.empty_like(x) for x in (batch.origins, batch.directions)))
         return self._train(batch, learning_rate_factor, gradients), gradients
 
+    def train_step_with_pose_gradients(
+        self, batch: RayBatch, learning_rate_factor: float, R_world_camera: Float[Tensor, "images 3 3"]
+    ) -> tuple[StepReport, Float[Tensor, "images 6"]]:
+        """One optimiser step, and the gradient of its loss, before the step, to each image's camera pose.
+
+        Args:
+            batch: Rays, of images numbered as the rotations are.
+            learning_rate_factor: Scales the base learning rates.
+            R_world_camera: Rotations of the cameras the rays start from.
+
+        Returns:
+            What the step did, and the gradient to a right perturbation (rotation rad, translation m).
+
+        Raises:
+            ValueError: A ray's image has no rotation; nothing was changed.
+        """
+        image, images = batch.image_index, len(R_world_camera)
+        if len(image) and not 0 <= int(image.min()) <= int(image.max()) < images:
+            raise ValueError(f"a ray's image is not among the {images} with a rotation")
+        report, to_rays = self.train_step_with_ray_gradients(batch, learning_rate_factor)
+        turned = torch.cross(batch.directions, to_rays.directions, dim=-1)
+        world = torch.zeros(images, 2, 3, device=image.device)
+        world.index_add_(0, image.long(), torch.stack([turned, to_rays.origins], 1))
+        out = world.to(R_world_camera.device) @ R_world_camera
+        return report, out.reshape(images, 6)
+
     @torch.no_grad()
     def ray_gradients(
         self,
@@ -90,8 +124,8 @@ class TritonEngine(RadianceEngine):
         rendering = _empty_rendering(origins)
         gradients = RayGradients(torch.empty_like(origins), torch.empty_like(directions))
         for wave in self._field.waves(o, d):
-            nothing = torch.zeros_like(wave.answers.variance)
-            to_rays = self._field.backward(wave, upstream[wave.part], nothing, learn=False, rays=True)
+            losses = RayLosses.given(upstream[wave.part])
+            to_rays = self._field.backward(wave, losses, learn=False, rays=True)
             _copy_rays(to_rays, gradients, wave.part)
             _copy_answers(wave.answers, rendering, wave.part)
         return rendering, gradients
@@ -169,20 +203,22 @@ class TritonEngine(RadianceEngine):
     def _learn(self, batch: RayBatch, seed: int, gradients: RayGradients | None) -> StepReport:
         """Leaves the gradient of the batch's loss with the parameters."""
         o, d = self._rays(batch.origins, batch.directions)
-        colours, weights = (x.to(self.device).contiguous() for x in (batch.colours, batch.weights))
+        colours, weights, backgrounds = batch.colours, batch.weights.to(self.device), None
+        if self.optimiser_config.random_background:
+            own = torch.full((3,), float(self.white_background))
+            backgrounds, colours = random_background(
+                *(colours.cpu(), None if batch.opacity is None else batch.opacity.cpu(), own), self._generator
+            )
+            backgrounds = backgrounds.to(self.device)
+        colours = colours.to(self.device)
         trusted = weights > 0
         total_weight = torch.where(trusted, weights, 0.0).sum()
         sums, marched = torch.zeros(4, dtype=torch.float64, device=self.device), 0
         sums[2] = trusted.sum()
-        for wave in self._field.waves(o, d, weights, seed, EXPLORING_SHARE):
+        for wave in self._field.waves(o, d, weights, seed, EXPLORING_SHARE, backgrounds):
             part = wave.part
-            loss = ray_losses(
-                *(wave.answers, colours[part], weights[part], total_weight),
-                *(self.optimiser_config.huber_delta, self.triton_config),
-            )
-            to_rays = self._field.backward(
-                *(wave, loss.colour_gradient, loss.variance_gradient), learn=True, rays=gradients is not None
-            )
+            loss = ray_losses(wave.answers, colours[part], weights[part], total_weight, self.optimiser_config)
+            to_rays = self._field.backward(wave, loss, learn=True, rays=gradients is not None)
             _copy_rays(to_rays, gradients, part)
             sums[0] += loss.loss.sum(dtype=torch.float64)
             sums[1] += loss.squared_error.sum(dtype=torch.float64)
