@@ -16,6 +16,8 @@ from triton.runtime.jit import JITFunction
 from mulan.radiance.config import FieldConfig, MarchConfig
 from mulan.radiance.engine import RayBatch
 from mulan.radiance.gpu.triton_engine import TritonEngine
+from mulan.radiance.loss import GaussianLikelihoodLoss
+from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.radiance.space import SceneSpace
 
 _POINTERS = {torch.float32: "*fp32", torch.bfloat16: "*bf16", torch.int32: "*i32", torch.uint8: "*u8"}
@@ -62,7 +64,11 @@ def main() -> None:
     for unbounded in (False, True):
         space = SceneSpace((0.0, 0.0, 0.0), 1.0, unbounded)
         field = FieldConfig(log2_table_size=12)
-        engine = TritonEngine(field, MarchConfig(), space, True, device=torch.device("cpu"))
+        march, optimiser = MarchConfig(), OptimiserConfig()
+        if unbounded:
+            march = MarchConfig(cascades=2)
+            optimiser = OptimiserConfig(loss=GaussianLikelihoodLoss(), distortion_weight=0.1)
+        engine = TritonEngine(field, march, space, True, 0, torch.device("cpu"), optimiser)
         for _ in range(engine.optimiser_config.occupancy_every):
             engine.train_step(batch, 1.0)
         engine.train_step_with_ray_gradients(batch, 1.0)

@@ -49,5 +49,5 @@ def choose_march(longest_side: int, unbounded: bool, on_gpu: bool = False) -> Ma
 
 
 def choose_optimiser(unbounded: bool) -> OptimiserConfig:
-    """Unbounded scenes pay for scattered weight along their rays: without it fog stays before the cameras."""
+    """Unbounded scenes pay for weight scattered along their rays, or fog would stay before the cameras."""
     return OptimiserConfig(distortion_weight=0.03 if unbounded else 0.0)

@@ -1,4 +1,4 @@
-"""From gradients to what rays collect back to their samples; a program walks a few rays, up to three times."""
+"""From gradients to what rays collect back to their samples; programs walk few rays, up to three times."""
 
 import math
 from dataclasses import dataclass
