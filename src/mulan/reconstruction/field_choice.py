@@ -34,9 +34,9 @@ def choose_march(longest_side: int, unbounded: bool) -> MarchConfig:
     steps = 256 if longest_side <= 160 else 384
     if not unbounded:
         return MarchConfig(steps=steps)
-    return MarchConfig(steps=steps, occupancy_threshold=0.03, min_transmittance=1e-2)
+    return MarchConfig(steps=steps, occupancy_threshold=MarchConfig.least_opacity, min_transmittance=1e-2)
 
 
 def choose_optimiser(unbounded: bool) -> OptimiserConfig:
-    """Unbounded scenes pay for scattered weight along their rays, without which fog stays before the cameras."""
+    """Unbounded scenes pay for weight scattered along their rays, or fog would stay before the cameras."""
     return OptimiserConfig(distortion_weight=0.03 if unbounded else 0.0)
