@@ -63,7 +63,7 @@ def train(images: PosedImageSet, config: TrainConfig, folder: Path) -> dict[str,
 
 
 def nerfacc(python: Path, examples: Path, data: Path) -> dict[str, Any]:
-    """What nerfacc's example prints: its samples are those it renders, after it dropped what no light reaches."""
+    """What nerfacc's example prints; its samples are those left after it dropped what no light reaches."""
     script = examples / "train_ngp_nerf_occ.py"
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "lego").symlink_to(data.resolve())

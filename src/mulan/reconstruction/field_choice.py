@@ -1,5 +1,7 @@
 """Sizes of the field for a set of photographs."""
 
+from dataclasses import replace
+
 from mulan.radiance.config import FieldConfig, MarchConfig
 from mulan.radiance.optimiser_config import OptimiserConfig
 
@@ -40,12 +42,10 @@ def choose_march(longest_side: int, unbounded: bool, on_gpu: bool = False) -> Ma
     are skipped: both were compared by ``benchmarks/unbounded.py``.
     """
     steps = 1024 if on_gpu else 256 if longest_side <= 160 else 384
-    side = 128 if on_gpu else 64
+    march = MarchConfig(steps=steps, occupancy_resolution=128 if on_gpu else MarchConfig.occupancy_resolution)
     if not unbounded:
-        return MarchConfig(steps=steps, occupancy_resolution=side)
-    return MarchConfig(
-        steps=steps, occupancy_resolution=side, occupancy_threshold=0.03, min_transmittance=1e-2
-    )
+        return march
+    return replace(march, occupancy_threshold=MarchConfig.least_opacity, min_transmittance=1e-2)
 
 
 def choose_optimiser(unbounded: bool) -> OptimiserConfig:

@@ -24,8 +24,8 @@ def _interpreter_multiplies_bf16():
             return handle
         return TensorHandle((handle.data.astype(np.uint32) << 16).view(np.float32), tl.float32)
 
-    def create_dot(self, a, b, *rest):
-        return plain(self, widened(a), widened(b), *rest)
+    def create_dot(self, a, b, d, input_precision, max_num_imprecise_acc):
+        return plain(self, widened(a), widened(b), d, input_precision, max_num_imprecise_acc)
 
     InterpreterBuilder.create_dot = create_dot
     yield

@@ -34,10 +34,12 @@ def occupied_cells(cascades: int = 1) -> torch.Tensor:
     return random(cascades, 16, 16, 16, seed=5) > 0.3
 
 
-def all_marched(marcher: Marcher, *arrays: torch.Tensor | None) -> tuple[torch.Tensor, torch.Tensor]:
+def all_marched(
+    marcher: Marcher, o: torch.Tensor, d: torch.Tensor, weights: torch.Tensor | None
+) -> tuple[torch.Tensor, torch.Tensor]:
     parts = [
         (w.ray[: w.samples].cpu() + first, w.distance_m[: w.samples].cpu())
-        for first, w in marcher.waves(*arrays)
+        for first, w in marcher.waves(o, d, weights)
     ]
     return torch.cat([p[0] for p in parts]), torch.cat([p[1] for p in parts])
 
