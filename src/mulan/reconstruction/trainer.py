@@ -38,6 +38,7 @@ class TrainingStatus:
         steps, seconds: Optimiser steps and seconds of learning.
         samples: Field evaluations so far.
         train_psnr_db: Of recent batches.
+        engine: The field as it stands; to look at, off the training clock.
     """
 
     fraction_done: float
@@ -45,6 +46,7 @@ class TrainingStatus:
     seconds: float
     samples: int
     train_psnr_db: float
+    engine: RadianceEngine
 
 
 @dataclass(frozen=True)
@@ -181,7 +183,9 @@ class _Loop:
     def _status(self) -> TrainingStatus:
         s = self.state
         done = self._config.fraction_done(s.steps, s.seconds)
-        return TrainingStatus(done, s.steps, s.seconds, s.samples, _decibel(s.mean_squared_error))
+        return TrainingStatus(
+            done, s.steps, s.seconds, s.samples, _decibel(s.mean_squared_error), self._engine
+        )
 
     def _add_to_history(self) -> None:
         views, s = self._curve_views, self.state
@@ -201,7 +205,7 @@ def _check(images: PosedImageSet, config: TrainConfig) -> None:
     if not images.train:
         raise InputError(images.source, "photographs", "there is none to learn from", "give at least one")
     for option, value in (
-        ("--time-budget-s", config.time_budget_s),
+        ("--time-budget", config.time_budget_s),
         ("--image-size", config.image_size),
         ("--batch-samples", config.batch_samples),
         ("--steps", 1 if config.steps is None else config.steps),
