@@ -16,7 +16,7 @@
 extern "C" {
 #endif
 
-#define MULAN_ABI_VERSION 2
+#define MULAN_ABI_VERSION 3
 #define MULAN_MAX_LEVELS 32
 
 enum MulanStatus { MULAN_OK = 0, MULAN_BAD_ARGUMENT = 1, MULAN_OUT_OF_MEMORY = 2 };
@@ -103,6 +103,26 @@ typedef struct {
     float* variance;  // [r]
 } MulanRendering;
 
+// The pixels of all photographs one after another, ready to be turned into rays.
+typedef struct {
+    int64_t pixels, images, directions;
+    const uint8_t* colours;          // [pixels, 3]
+    const float* weights;            // [pixels]
+    const int32_t* image;            // [pixels]
+    const float* camera_directions;  // [directions, 3] in the camera frame; need not be unit
+    const int64_t* direction_shift;  // [images]: pixel p of image i looks along row p + direction_shift[i]
+    const float* T_world_camera;     // [images, 4, 4]
+} MulanPixels;
+
+// Where drawn rays go.
+typedef struct {
+    float* origins;        // [r, 3]
+    float* directions;     // [r, 3], unit
+    float* colours;        // [r, 3] in [0, 1]
+    float* weights;        // [r]
+    int64_t* image_index;  // [r]
+} MulanRayBatch;
+
 typedef struct MulanWorkspace MulanWorkspace;
 
 MULAN_API int32_t mulan_abi_version(void);
@@ -149,6 +169,9 @@ MULAN_API int32_t mulan_occupancy_pack(int32_t resolution, const uint8_t* occupi
 MULAN_API int32_t mulan_pose_gradients(int64_t rays, const float* directions, const float* origin_gradient,
                                        const float* direction_gradient, const int64_t* image_index, int64_t images,
                                        const float* R_world_camera, float* gradient);
+
+// The rays of r pixels. A pixel out of range is refused before anything is written.
+MULAN_API int32_t mulan_gather_rays(const MulanPixels*, int64_t rays, const int64_t* pixel, const MulanRayBatch*);
 
 // The operations one by one, as tests compare them with the reference.
 MULAN_API int32_t mulan_encode(const MulanField*, const float* table, int64_t n, const float* unit_points,

@@ -54,3 +54,37 @@ int32_t mulan_pose_gradients(int64_t rays, const float* directions, const float*
     }
     return MULAN_OK;
 }
+
+int32_t mulan_gather_rays(const MulanPixels* p, int64_t rays, const int64_t* pixel, const MulanRayBatch* out) {
+    if (!p || !out || rays < 0 || (rays > 0 && (!pixel || p->pixels < 1))) return MULAN_BAD_ARGUMENT;
+    for (int64_t r = 0; r < rays; ++r)
+        if (pixel[r] < 0 || pixel[r] >= p->pixels) return MULAN_BAD_ARGUMENT;
+    constexpr int64_t ahead = 8;  // pixels are drawn at random: each would wait for memory several times
+    for (int64_t r = 0; r < rays; ++r) {
+        if (r + ahead < rays) {
+            const int64_t next = pixel[r + ahead];
+            __builtin_prefetch(p->image + next);
+            __builtin_prefetch(p->colours + 3 * next);
+            __builtin_prefetch(p->weights + next);
+        }
+        const int64_t at = pixel[r], image = p->image[at];
+        if (image < 0 || image >= p->images) return MULAN_BAD_ARGUMENT;
+        const int64_t row = at + p->direction_shift[image];
+        if (row < 0 || row >= p->directions) return MULAN_BAD_ARGUMENT;
+        const float *T = p->T_world_camera + 16 * image, *d = p->camera_directions + 3 * row;
+        float world[3], square = 0;
+        for (int a = 0; a < 3; ++a) {
+            world[a] = T[4 * a] * d[0] + T[4 * a + 1] * d[1] + T[4 * a + 2] * d[2];
+            square += world[a] * world[a];
+        }
+        const float length = std::sqrt(square);
+        for (int a = 0; a < 3; ++a) {
+            out->origins[3 * r + a] = T[4 * a + 3];
+            out->directions[3 * r + a] = world[a] / (length > 1e-12f ? length : 1e-12f);
+            out->colours[3 * r + a] = (float)p->colours[3 * at + a] / 255.0f;
+        }
+        out->weights[r] = p->weights[at];
+        out->image_index[r] = image;
+    }
+    return MULAN_OK;
+}
