@@ -31,5 +31,5 @@ struct MulanWorkspace {
 
     mulan::ThreadPool pool;
     mulan::Buffer packed_networks, tiles, march_table, ray_samples, ray_lists, tile_lists;
-    mulan::Buffer group_gradients, network_gradient, scatter_points, scatter_gradients, table_gradient;
+    mulan::Buffer group_gradients, network_gradient, samples, encoded, scatter_gradients, table_gradient;
 };
