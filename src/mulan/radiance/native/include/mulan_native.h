@@ -161,7 +161,7 @@ MULAN_API int32_t mulan_density(MulanWorkspace*, const MulanField*, const MulanP
 MULAN_API int32_t mulan_occupancy_refresh(MulanWorkspace*, const MulanField*, const MulanScene*,
                                           const MulanParameters*, float decay, int32_t stride, int32_t occupied_stride,
                                           int32_t phase, uint64_t seed, const uint8_t* occupied, float* opacity);
-// Occupied cells [R^3] as bits, words [(R/4)^3], and their bounds in lower [3] and upper [3].
+// Occupied cells [R^3], 0 or 1 each, as bits, words [(R/4)^3], and their bounds in lower [3] and upper [3].
 MULAN_API int32_t mulan_occupancy_pack(int32_t resolution, const uint8_t* occupied, uint64_t* words, float* lower,
                                        float* upper);
 

@@ -10,14 +10,17 @@ int32_t mulan_occupancy_pack(int32_t side, const uint8_t* occupied, uint64_t* wo
     for (int64_t i = 0; i < (int64_t)blocks * blocks * blocks; ++i) words[i] = 0;
     for (int z = 0; z < side; ++z)
         for (int y = 0; y < side; ++y)
-            for (int x = 0; x < side; ++x) {
-                if (!occupied[x + (int64_t)side * (y + (int64_t)side * z)]) continue;
-                const int bit = (x & 3) + 4 * (y & 3) + 16 * (z & 3);
-                words[(x >> 2) + blocks * ((y >> 2) + (int64_t)blocks * (z >> 2))] |= 1ull << bit;
-                const int cell[3] = {x, y, z};
+            for (int x = 0; x < side; x += 4) {
+                uint32_t four;
+                __builtin_memcpy(&four, occupied + x + (int64_t)side * (y + (int64_t)side * z), 4);
+                if (four == 0) continue;
+                const uint64_t bits = ((four & 0x01010101u) * 0x10204080u) >> 28;  // one bit a byte, gathered
+                words[(x >> 2) + blocks * ((y >> 2) + (int64_t)blocks * (z >> 2))] |=
+                    bits << (4 * (y & 3) + 16 * (z & 3));
+                const int first[3] = {x + __builtin_ctzll(bits), y, z}, end[3] = {x + 64 - __builtin_clzll(bits), y + 1, z + 1};
                 for (int a = 0; a < 3; ++a) {
-                    if (cell[a] < low[a]) low[a] = cell[a];
-                    if (cell[a] + 1 > high[a]) high[a] = cell[a] + 1;
+                    if (first[a] < low[a]) low[a] = first[a];
+                    if (end[a] > high[a]) high[a] = end[a];
                 }
             }
     for (int a = 0; a < 3; ++a) {
