@@ -6,7 +6,7 @@ from mulan.radiance.kernels.native_library import NativeLibrary
 from mulan.radiance.kernels.ray_gather import PixelTable, gather_rays, gather_rays_reference
 
 
-def random_table(g: torch.Generator) -> PixelTable:
+def random_table(g: torch.Generator, cut_out: bool = False) -> PixelTable:
     """Three images of two cameras, 20 and 30 pixels."""
     image = torch.tensor([0, 1, 2], dtype=torch.int32).repeat_interleave(torch.tensor([20, 30, 20]))
     T = torch.randn(3, 4, 4, generator=g)
@@ -16,14 +16,16 @@ def random_table(g: torch.Generator) -> PixelTable:
         torch.rand(70, generator=g),
         image,
         torch.randn(50, 3, generator=g),
-        torch.tensor([0, 20 - 20, 0 - 50]),
+        torch.tensor([0, 0, -50]),  # the third image has the first one's camera
         T,
+        torch.randint(256, (70,), generator=g, dtype=torch.uint8) if cut_out else None,
     )
 
 
-def test_rays_of_pixels_are_the_references(library: NativeLibrary) -> None:
+@pytest.mark.parametrize("cut_out", [False, True])
+def test_rays_of_pixels_are_the_references(library: NativeLibrary, cut_out: bool) -> None:
     g = torch.Generator().manual_seed(0)
-    table = random_table(g)
+    table = random_table(g, cut_out)
     pixel = torch.randint(70, (500,), generator=g)
     got, want = gather_rays(table, pixel, library), gather_rays_reference(table, pixel)
     for name in RayBatch.__dataclass_fields__:

@@ -44,6 +44,13 @@ class ImageTensors:
         self._colour = torch.from_numpy(
             np.concatenate([image.colour.reshape(-1, 3) for image in self.images])
         )
+        coverage = [image.alpha for image in self.images if image.alpha is not None]
+        # random backgrounds need it of every pixel
+        self._opacity = (
+            torch.from_numpy(np.concatenate([alpha.reshape(-1) for alpha in coverage]))
+            if len(coverage) == len(self.images)
+            else None
+        )
         maps = weight_maps or [torch.ones(h, w) for h, w in sizes]
         self.weights = torch.cat([m.reshape(-1).float() for m in maps])
         poses = np.stack([image.T_world_camera for image in self.images])
@@ -87,7 +94,7 @@ class ImageTensors:
         if last and last.T_world_camera is self.T_world_camera and last.weights is self.weights:
             return last
         parts = self._colour, self.weights, self._image_of_pixel, self._directions, self._direction_shift
-        self._last_table = PixelTable(*parts, self.T_world_camera.contiguous())
+        self._last_table = PixelTable(*parts, self.T_world_camera.contiguous(), self._opacity)
         return self._last_table
 
     def image_rays(self, image: int) -> RayBatch:

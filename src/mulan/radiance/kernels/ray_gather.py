@@ -24,6 +24,7 @@ class PixelTable:
         camera_directions: Camera-frame directions, once for each distinct camera.
         direction_shift: Pixel p of image i looks along row ``p + direction_shift[i]``.
         T_world_camera: Camera poses, float32.
+        opacity: 8-bit coverage by the object, where it was cut out.
     """
 
     colours: UInt8[Tensor, "p 3"]
@@ -32,6 +33,7 @@ class PixelTable:
     camera_directions: Float[Tensor, "n 3"]
     direction_shift: Int[Tensor, "images"]
     T_world_camera: Float[Tensor, "images 4 4"]
+    opacity: UInt8[Tensor, "p"] | None = None
 
     @cached_property
     def native(self) -> NativePixels:
@@ -46,6 +48,7 @@ class PixelTable:
             images,
             rows,
             address(self.colours, (pixels, 3)),
+            None if self.opacity is None else address(self.opacity, (pixels,)),
             address(self.weights, (pixels,)),
             address(self.image, (pixels,)),
             address(self.camera_directions, (rows, 3)),
@@ -66,6 +69,7 @@ def gather_rays_reference(table: PixelTable, pixel: Int[Tensor, "r"]) -> RayBatc
         colours=table.colours[pixel].float() / 255,
         weights=table.weights[pixel],
         image_index=image,
+        opacity=None if table.opacity is None else table.opacity[pixel].float() / 255,
     )
 
 
@@ -81,6 +85,8 @@ def gather_rays(table: PixelTable, pixel: Int[Tensor, "r"], library: NativeLibra
     vectors, weights = torch.empty(3, rays, 3), torch.empty(rays)
     image_index = torch.empty(rays, dtype=torch.int64)
     origins, directions, colours = vectors.unbind(0)
+    opacity = None if table.opacity is None else torch.empty(rays)
     out = NativeRayBatch(*(address(x) for x in (origins, directions, colours, weights, image_index)))
+    out.opacity = None if opacity is None else address(opacity)
     check(library.functions.mulan_gather_rays(table.native, rays, address(pixel), out))
-    return RayBatch(origins, directions, colours, weights, image_index)
+    return RayBatch(origins, directions, colours, weights, image_index, opacity)

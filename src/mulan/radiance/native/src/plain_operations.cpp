@@ -1,31 +1,42 @@
 // Operations that gain nothing from wide vectors: compiled once.
 #include <cmath>
 
-#include "../include/mulan_native.h"
+#include "workspace.h"
 
-int32_t mulan_occupancy_pack(int32_t side, const uint8_t* occupied, uint64_t* words, float* lower, float* upper) {
-    if (side < 4 || side > 512 || side % 4 || !occupied || !words || !lower || !upper) return MULAN_BAD_ARGUMENT;
-    const int blocks = side / 4;
-    int low[3] = {side, side, side}, high[3] = {0, 0, 0};
-    for (int64_t i = 0; i < (int64_t)blocks * blocks * blocks; ++i) words[i] = 0;
-    for (int z = 0; z < side; ++z)
-        for (int y = 0; y < side; ++y)
-            for (int x = 0; x < side; x += 4) {
-                uint32_t four;
-                __builtin_memcpy(&four, occupied + x + (int64_t)side * (y + (int64_t)side * z), 4);
-                if (four == 0) continue;
-                const uint64_t bits = ((four & 0x01010101u) * 0x10204080u) >> 28;  // one bit a byte, gathered
-                words[(x >> 2) + blocks * ((y >> 2) + (int64_t)blocks * (z >> 2))] |=
-                    bits << (4 * (y & 3) + 16 * (z & 3));
-                const int first[3] = {x + __builtin_ctzll(bits), y, z}, end[3] = {x + 64 - __builtin_clzll(bits), y + 1, z + 1};
-                for (int a = 0; a < 3; ++a) {
-                    if (first[a] < low[a]) low[a] = first[a];
-                    if (end[a] > high[a]) high[a] = end[a];
-                }
-            }
+int32_t mulan_occupancy_pack(int32_t side, int32_t cascades, const uint8_t* occupied, uint64_t* words, float* lower,
+                             float* upper) {
+    if (side < 4 || side > 512 || side % 4 || cascades < 1 || cascades > MULAN_MAX_CASCADES || !occupied || !words ||
+        !lower || !upper)
+        return MULAN_BAD_ARGUMENT;
+    const int64_t blocks = side / 4, cells = (int64_t)side * side * side;
+    for (int64_t i = 0; i < cascades * blocks * blocks * blocks; ++i) words[i] = 0;
     for (int a = 0; a < 3; ++a) {
-        lower[a] = (float)low[a] / (float)side;
-        upper[a] = (float)high[a] / (float)side;
+        lower[a] = 1;
+        upper[a] = 0;
+    }
+    for (int k = 0; k < cascades; ++k) {
+        int low[3] = {side, side, side}, high[3] = {0, 0, 0};
+        uint64_t* own = words + k * blocks * blocks * blocks;
+        for (int z = 0; z < side; ++z)
+            for (int y = 0; y < side; ++y)
+                for (int x = 0; x < side; x += 4) {
+                    uint32_t four;
+                    __builtin_memcpy(&four, occupied + k * cells + x + (int64_t)side * (y + (int64_t)side * z), 4);
+                    if (four == 0) continue;
+                    const uint64_t bits = ((four & 0x01010101u) * 0x10204080u) >> 28;  // one bit a byte, gathered
+                    own[(x >> 2) + blocks * ((y >> 2) + blocks * (z >> 2))] |= bits << (4 * (y & 3) + 16 * (z & 3));
+                    const int first[3] = {x + __builtin_ctzll(bits), y, z};
+                    const int end[3] = {x + 64 - __builtin_clzll(bits), y + 1, z + 1};
+                    for (int a = 0; a < 3; ++a) {
+                        if (first[a] < low[a]) low[a] = first[a];
+                        if (end[a] > high[a]) high[a] = end[a];
+                    }
+                }
+        const float span = std::ldexp(1.0f, k + 1 - cascades);
+        for (int a = 0; a < 3 && low[a] < high[a]; ++a) {
+            lower[a] = std::fmin(lower[a], 0.5f + ((float)low[a] / (float)side - 0.5f) * span);
+            upper[a] = std::fmax(upper[a], 0.5f + ((float)high[a] / (float)side - 0.5f) * span);
+        }
     }
     return MULAN_OK;
 }
@@ -33,11 +44,10 @@ int32_t mulan_occupancy_pack(int32_t side, const uint8_t* occupied, uint64_t* wo
 // The camera at T moves to T exp(rotation, translation): an origin moves by R translation and a direction turns by
 // R rotation, so in the world frame the gradients are the sum of the origins' and the sum of direction x gradient.
 int32_t mulan_pose_gradients(int64_t rays, const float* directions, const float* origin_gradient,
-                             const float* direction_gradient, const int64_t* image_index, int64_t images,
-                             const float* R_world_camera, float* gradient) {
-    if (rays < 0 || images < 0 || !gradient) return MULAN_BAD_ARGUMENT;
-    for (int64_t i = 0; i < rays; ++i)
-        if (image_index[i] < 0 || image_index[i] >= images) return MULAN_BAD_ARGUMENT;
+                             const float* direction_gradient, const MulanPoses* poses) {
+    if (!mulan::valid(poses, rays)) return MULAN_BAD_ARGUMENT;
+    const int64_t images = poses->images, *image_index = poses->image_index;
+    float* gradient = poses->gradient;
     for (int64_t i = 0; i < 6 * images; ++i) gradient[i] = 0;
     for (int64_t i = 0; i < rays; ++i) {
         const float *d = directions + 3 * i, *g = direction_gradient + 3 * i, *o = origin_gradient + 3 * i;
@@ -48,7 +58,7 @@ int32_t mulan_pose_gradients(int64_t rays, const float* directions, const float*
         for (int a = 0; a < 3; ++a) sum[3 + a] += o[a];
     }
     for (int64_t i = 0; i < images; ++i) {
-        const float* R = R_world_camera + 9 * i;
+        const float* R = poses->R_world_camera + 9 * i;
         for (int part = 0; part < 2; ++part) {
             float* v = gradient + 6 * i + 3 * part;
             const float world[3] = {v[0], v[1], v[2]};
@@ -59,7 +69,7 @@ int32_t mulan_pose_gradients(int64_t rays, const float* directions, const float*
 }
 
 int32_t mulan_gather_rays(const MulanPixels* p, int64_t rays, const int64_t* pixel, const MulanRayBatch* out) {
-    if (!p || !out || rays < 0 || (rays > 0 && (!pixel || p->pixels < 1))) return MULAN_BAD_ARGUMENT;
+    if (!p || !out || rays < 0 || (p->opacity && !out->opacity) || (rays > 0 && (!pixel || p->pixels < 1))) return MULAN_BAD_ARGUMENT;
     for (int64_t r = 0; r < rays; ++r)
         if (pixel[r] < 0 || pixel[r] >= p->pixels) return MULAN_BAD_ARGUMENT;
     constexpr int64_t ahead = 8;  // pixels are drawn at random: each would wait for memory several times
@@ -86,6 +96,7 @@ int32_t mulan_gather_rays(const MulanPixels* p, int64_t rays, const int64_t* pix
             out->directions[3 * r + a] = world[a] / (length > 1e-12f ? length : 1e-12f);
             out->colours[3 * r + a] = (float)p->colours[3 * at + a] / 255.0f;
         }
+        if (p->opacity) out->opacity[r] = (float)p->opacity[at] / 255.0f;
         out->weights[r] = p->weights[at];
         out->image_index[r] = image;
     }
