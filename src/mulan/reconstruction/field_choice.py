@@ -26,17 +26,23 @@ def choose_field(longest_side: int, views: int, unbounded: bool) -> FieldConfig:
 
 
 def choose_march(longest_side: int, unbounded: bool) -> MarchConfig:
-    """256 steps for small pictures, 384 for larger ones.
+    """256 steps (an object: 192) for small pictures, 384 for larger ones.
 
-    Unbounded rays stop at a hundredth of their light, and cells thinner than the thinnest sample that counts
-    are skipped: both were compared by ``benchmarks/unbounded.py``.
+    Rays stop where little light is left (an object: a thousandth, unbounded: a hundredth), and cells thinner
+    than the thinnest sample that counts are skipped: compared by ``benchmarks/bounded.py`` and
+    ``benchmarks/unbounded.py``.
     """
-    steps = 256 if longest_side <= 160 else 384
+    small = longest_side <= 160
     if not unbounded:
-        return MarchConfig(steps=steps)
-    return MarchConfig(steps=steps, occupancy_threshold=0.03, min_transmittance=1e-2)
+        return MarchConfig(steps=192 if small else 384, occupancy_threshold=0.03, min_transmittance=1e-3)
+    return MarchConfig(steps=256 if small else 384, occupancy_threshold=0.03, min_transmittance=1e-2)
 
 
 def choose_optimiser(unbounded: bool) -> OptimiserConfig:
-    """Unbounded scenes pay for scattered weight along their rays, without which fog stays before the cameras."""
-    return OptimiserConfig(distortion_weight=0.03 if unbounded else 0.0)
+    """Unbounded scenes pay for scattered weight along their rays, without which fog stays before the cameras.
+
+    Objects bear larger steps of the table (``benchmarks/bounded.py``).
+    """
+    if unbounded:
+        return OptimiserConfig(distortion_weight=0.03)
+    return OptimiserConfig(table_learning_rate=3e-2)

@@ -8,6 +8,8 @@ from tyro.conf import arg
 
 from mulan.radiance.config import FieldConfig
 
+FIRST_OBJECT_BATCH = 4096  # samples
+
 
 @dataclass(frozen=True)
 class TrainConfig:
@@ -20,7 +22,10 @@ class TrainConfig:
     steps: int | None = None
     """Optimiser steps; overrides the time budget and makes the result repeatable bit for bit."""
     batch_samples: int = 16384
-    """Field evaluations a step; the number of rays adapts to it."""
+    """Field evaluations a step, at the end of the training; the number of rays adapts to it."""
+    first_batch_samples: int | None = None
+    """Field evaluations of the first step, from which they grow by equal factors in equal shares of the
+    training; chosen by the kind of scene if not given."""
     final_learning_rate: float = 0.01
     """Learning rate at the end, as a fraction of the first (half a cosine between)."""
     seed: int = 0
@@ -41,3 +46,14 @@ class TrainConfig:
         """Half a cosine from 1 to the final learning rate."""
         cosine = 0.5 * (1 + math.cos(math.pi * fraction_done))
         return self.final_learning_rate + (1 - self.final_learning_rate) * cosine
+
+    def batch_samples_at(self, fraction_done: float, unbounded: bool) -> int:
+        """Field evaluations of the next step.
+
+        Small batches learn the rough shape of an object in little time and large ones its details, with less
+        noise (Smith et al. 2018, "Don't decay the learning rate, increase the batch size").
+        """
+        first = self.first_batch_samples
+        if first is None:
+            first = self.batch_samples if unbounded else min(FIRST_OBJECT_BATCH, self.batch_samples)
+        return round(first * (self.batch_samples / first) ** fraction_done)
