@@ -65,8 +65,8 @@ class Variant:
 
 VARIANTS = {
     "as chosen": Variant(),
-    "grid forgets slowly": Variant(grid={"decay": 0.95}),
-    "long warm-up": Variant(grid={"warm_up_refreshes": 6}),
+    "grid forgets fast": Variant(grid={"decay": 0.8}),
+    "short warm-up": Variant(grid={"warm_up_refreshes": 3}),
     "thin cells": Variant(march={"occupancy_threshold": 0.01}),
     "all light": Variant(march={"min_transmittance": 1e-4}),
     "table rate 0.02": Variant(optimiser={"table_learning_rate": 2e-2}),
@@ -76,7 +76,6 @@ VARIANTS = {
     "batches of 16384": Variant(train={"first_batch_samples": 16384}),
     "none of it": Variant(
         march={"steps": 256, "occupancy_threshold": 0.01, "min_transmittance": 1e-4},
-        grid={"decay": 0.95, "warm_up_refreshes": 6},
         optimiser={"table_learning_rate": 2e-2},
         train={"first_batch_samples": 16384},
     ),
@@ -99,7 +98,7 @@ def split_training_views(data: Path, longest_side: int) -> Split:
 def run(variant: Variant, split: Split, size: int, budget_cpu_s: float, seed: int, threads: int) -> dict:
     space = choose_space(split.train)
     march = replace(choose_march(size, space.unbounded), **variant.march)
-    grid = replace(NativeGridConfig.choose(space.unbounded), **variant.grid)
+    grid = NativeGridConfig(**variant.grid)
     engine = NativeEngine(
         choose_field(size, len(split.train), space.unbounded),
         march,

@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import pytest
 
 from mulan.reconstruction.train_config import FIRST_OBJECT_BATCH, TrainConfig
@@ -8,7 +10,7 @@ def test_batches_of_an_object_grow_by_equal_factors_to_the_size_asked_for():
     sizes = [config.batch_samples_at(done, unbounded=False) for done in (0.0, 0.25, 0.5, 0.75, 1.0)]
     assert sizes[0] == FIRST_OBJECT_BATCH
     assert sizes[-1] == 16384
-    for before, after in zip(sizes, sizes[1:], strict=False):
+    for before, after in pairwise(sizes):
         assert after / before == pytest.approx((16384 / FIRST_OBJECT_BATCH) ** 0.25, rel=1e-3)
 
 

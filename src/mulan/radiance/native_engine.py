@@ -77,7 +77,7 @@ class NativeEngine(RadianceEngine):
             white_background: What rays that hit nothing see: white, or black.
             seed: Of the initial parameters and of the sampling.
             optimiser: Learning rates and loss.
-            native: How to run; chosen by the kind of space if not given.
+            native: How to run.
             library: The library to use; found if not given.
 
         Raises:
@@ -90,7 +90,7 @@ class NativeEngine(RadianceEngine):
                 raise RuntimeError(f"the native engine needs its library: {reason}")
         self.field_config, self.march_config, self.space = field, march, space
         self.optimiser_config = optimiser or OptimiserConfig()
-        self.native_config = native or NativeConfig(occupancy=NativeGridConfig.choose(space.unbounded))
+        self.native_config = native or NativeConfig()
         self._c = library.functions
         self._generator = torch.Generator().manual_seed(seed)
         self._field = native_field(field)

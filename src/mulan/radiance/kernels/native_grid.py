@@ -32,11 +32,6 @@ class NativeGridConfig:
     occupied_cell_stride: int = 2
     """...and one in so many of the occupied ones."""
 
-    @classmethod
-    def choose(cls, unbounded: bool) -> "NativeGridConfig":
-        """An object's surroundings may be forgotten at once; haze in the open may still turn into matter."""
-        return cls() if unbounded else cls(decay=0.8, warm_up_refreshes=3)
-
 
 class NativeGrid:
     """A decaying maximum of each cell's opacity over one step (instant-ngp, section E).
