@@ -128,7 +128,7 @@ def _warm_up(engine: Trains, data: ImageTensors, config: ThroughputConfig) -> in
     rays = 1024
     for _ in range(config.warm_up_steps):
         report = engine.train_step(data.sample(rays, generator), 1.0)
-        rays = next_rays(rays, report.samples, config.samples_a_batch(on_gpu=False))
+        rays = next_rays(rays, report.samples, config.batch_samples)
     return rays
 
 
