@@ -1,7 +1,5 @@
 """Sizes of the field for a set of photographs."""
 
-from dataclasses import replace
-
 from mulan.radiance.config import FieldConfig, MarchConfig
 from mulan.radiance.optimiser_config import OptimiserConfig
 
@@ -36,18 +34,30 @@ def choose_field(longest_side: int, views: int, unbounded: bool, on_gpu: bool = 
 
 
 def choose_march(longest_side: int, unbounded: bool, on_gpu: bool = False) -> MarchConfig:
-    """256 steps for small pictures, 384 for larger ones; on a GPU instant-ngp's 1024 and a finer grid.
+    """256 steps (an object: 192) for small pictures, 384 for larger ones; on a GPU 1024 and a finer grid.
 
-    Unbounded rays stop at a hundredth of their light, and cells thinner than the thinnest sample that counts
-    are skipped: both were compared by ``benchmarks/unbounded.py``.
+    Rays stop where little light is left (an object: a thousandth, unbounded: a hundredth), and cells thinner
+    than the thinnest sample that counts are skipped: compared by ``benchmarks/bounded.py`` and
+    ``benchmarks/unbounded.py``.
     """
-    steps = 1024 if on_gpu else 256 if longest_side <= 160 else 384
-    march = MarchConfig(steps=steps, occupancy_resolution=128 if on_gpu else MarchConfig.occupancy_resolution)
-    if not unbounded:
-        return march
-    return replace(march, occupancy_threshold=MarchConfig.least_opacity, min_transmittance=1e-2)
+    if on_gpu:
+        steps, grid = 1024, 128
+    else:
+        steps = 384 if longest_side > 160 else 256 if unbounded else 192
+        grid = MarchConfig.occupancy_resolution
+    return MarchConfig(
+        steps=steps,
+        occupancy_resolution=grid,
+        occupancy_threshold=MarchConfig.least_opacity if unbounded else 0.03,
+        min_transmittance=1e-2 if unbounded else 1e-3,
+    )
 
 
 def choose_optimiser(unbounded: bool) -> OptimiserConfig:
-    """Unbounded scenes pay for weight scattered along their rays, or fog would stay before the cameras."""
-    return OptimiserConfig(distortion_weight=0.03 if unbounded else 0.0)
+    """Unbounded scenes pay for scattered weight along their rays, without which fog stays before the cameras.
+
+    Objects bear larger steps of the table (``benchmarks/bounded.py``).
+    """
+    if unbounded:
+        return OptimiserConfig(distortion_weight=0.03)
+    return OptimiserConfig(table_learning_rate=3e-2)

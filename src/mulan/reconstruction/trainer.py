@@ -109,7 +109,7 @@ def train(
     engine = description.new_engine(config.seed, optimiser, device)
     data.move_to(device)
     identity = _identity(config, weighting, description, optimiser, data)
-    loop = _Loop(config, engine, data, test, run, identity)
+    loop = _Loop(config, space.unbounded, engine, data, test, run, identity)
     loop.run_to_end(progress)
     state = loop.state
     save_field(run.field, engine, description)
@@ -124,6 +124,7 @@ class _Loop:
     def __init__(
         self,
         config: TrainConfig,
+        unbounded: bool,
         engine: RadianceEngine,
         data: ImageTensors,
         test: tuple[CapturedImage, ...],
@@ -131,8 +132,8 @@ class _Loop:
         identity: dict[str, Any],
     ) -> None:
         self._config, self._engine, self._data, self._run = config, engine, data, run
-        self._identity = identity
-        self._batch_samples = config.samples_a_batch(on_gpu=engine.device.type == "cuda")
+        self._identity, self._unbounded = identity, unbounded
+        self._on_gpu = engine.device.type == "cuda"
         self._curve_views = ImageTensors(test[:: max(1, len(test) // CURVE_VIEWS)]) if test else None
         self._sampler = torch.Generator().manual_seed(config.seed + 1)
         self.state = Progress()
@@ -179,7 +180,9 @@ class _Loop:
         error = report.mean_squared_error
         if s.mean_squared_error is not None:
             error = SMOOTHING * s.mean_squared_error + (1 - SMOOTHING) * error
-        rays = next_rays(s.rays, report.samples, self._batch_samples)
+        config = self._config
+        done = config.fraction_done(s.steps, s.seconds)
+        rays = next_rays(s.rays, report.samples, config.batch_samples_at(done, self._unbounded, self._on_gpu))
         samples = s.samples + report.samples
         self.state = Progress(s.steps + 1, seconds, rays, samples, report.loss, error, s.history)
 
@@ -211,6 +214,7 @@ def _check(images: PosedImageSet, config: TrainConfig) -> None:
         ("--time-budget", config.time_budget_s),
         ("--image-size", config.image_size),
         ("--batch-samples", 1 if config.batch_samples is None else config.batch_samples),
+        ("--first-batch-samples", 1 if config.first_batch_samples is None else config.first_batch_samples),
         ("--steps", 1 if config.steps is None else config.steps),
     ):
         if not (math.isfinite(value) and value > 0):
