@@ -93,7 +93,8 @@ class ImageTensors:
 
     def rays(self, pixel: Int[Tensor, "r"]) -> RayBatch:
         """Rays of pixels numbered through all images, row by row."""
-        return gather_rays(self._table(), pixel, find_native_library()[0])
+        in_main_memory = self._colour.device.type == "cpu"
+        return gather_rays(self._table(), pixel, find_native_library()[0] if in_main_memory else None)
 
     def _table(self) -> PixelTable:
         # poses and weights may have been replaced since the last batch
