@@ -10,6 +10,7 @@ from torch import Tensor
 
 from mulan.radiance.config import FieldConfig
 from mulan.radiance.engine import RayBatch, Rendering, StepReport
+from mulan.radiance.kernels.cascades import cell_at
 from mulan.radiance.kernels.hash_encoding import HashEncoding, corner_index
 from mulan.radiance.kernels.march import bounded_step_m, box_interval, step_count
 from mulan.radiance.networks import RadianceField
@@ -51,7 +52,7 @@ class PlainEncoding(HashEncoding):
 
 
 class NaiveTorchField:
-    """Trains and renders a bounded scene; same parameters and sizes as :class:`TorchEngine`."""
+    """Learns a bounded scene by squared errors and renders it; parameters and sizes are ``TorchEngine``'s."""
 
     def __init__(
         self, description: FieldDescription, seed: int = 0, optimiser: OptimiserConfig | None = None
@@ -59,10 +60,10 @@ class NaiveTorchField:
         """An untrained field.
 
         Raises:
-            ValueError: The scene is unbounded, or has several cascades.
+            ValueError: The scene is unbounded.
         """
-        if description.space.unbounded or description.march.cascades > 1:
-            raise ValueError("the naive field knows bounded scenes with a single occupancy grid only")
+        if description.space.unbounded:
+            raise ValueError("the naive field knows bounded scenes only")
         self._description, self._optimiser = description, optimiser or OptimiserConfig()
         self._generator = torch.Generator().manual_seed(seed)
         self.field = RadianceField(description.field, self._generator)
@@ -126,9 +127,8 @@ class NaiveTorchField:
         distance = enter[:, None] + (torch.arange(steps) + jitter[:, None]) * step_m
         points = origins[:, None] + distance[..., None] * directions[:, None]
         unit = space.to_unit(points.view(-1, 3)).view(points.shape)
-        side = occupied.shape[1]
-        x, y, z = (unit * side).long().clamp(0, side - 1).unbind(-1)
-        ray, step = (occupied[0, z, y, x] & (distance < leave[:, None])).nonzero(as_tuple=True)
+        cell = cell_at(unit.unbind(-1), *occupied.shape[:2])
+        ray, step = (occupied.view(-1)[cell] & (distance < leave[:, None])).nonzero(as_tuple=True)
 
         density, hidden, features = self.field.geometry(unit[ray, step])
         optical_depth = torch.zeros(distance.shape)
