@@ -25,24 +25,28 @@ def choose_field(longest_side: int, views: int, unbounded: bool) -> FieldConfig:
     )
 
 
-def choose_march(longest_side: int, unbounded: bool) -> MarchConfig:
-    """256 steps (an object: 192) for small pictures, 384 for larger ones.
+def choose_march(longest_side: int, unbounded: bool, quick: bool = False) -> MarchConfig:
+    """256 steps for small pictures, 384 for larger ones.
 
-    Rays stop where little light is left (an object: a thousandth, unbounded: a hundredth), and cells thinner
-    than the thinnest sample that counts are skipped: compared by ``benchmarks/bounded.py`` and
-    ``benchmarks/unbounded.py``.
+    Unbounded rays stop at a hundredth of their light, and cells thinner than the thinnest sample that counts
+    are skipped: both were compared by ``benchmarks/unbounded.py``. So are those of an object in a quick
+    training (:attr:`TrainConfig.quick`), with fewer steps; a long one would lose detail by it
+    (``benchmarks/bounded.py``).
     """
-    small = longest_side <= 160
-    if not unbounded:
-        return MarchConfig(steps=192 if small else 384, occupancy_threshold=0.03, min_transmittance=1e-3)
-    return MarchConfig(steps=256 if small else 384, occupancy_threshold=0.03, min_transmittance=1e-2)
+    steps = 256 if longest_side <= 160 else 384
+    thin = MarchConfig.least_opacity
+    if unbounded:
+        return MarchConfig(steps=steps, occupancy_threshold=thin, min_transmittance=1e-2)
+    if quick:
+        return MarchConfig(steps=steps * 3 // 4, occupancy_threshold=thin, min_transmittance=1e-3)
+    return MarchConfig(steps=steps)
 
 
-def choose_optimiser(unbounded: bool) -> OptimiserConfig:
-    """Unbounded scenes pay for scattered weight along their rays, without which fog stays before the cameras.
+def choose_optimiser(unbounded: bool, quick: bool = False) -> OptimiserConfig:
+    """Unbounded scenes pay for weight scattered along their rays, or fog would stay before the cameras.
 
-    Objects bear larger steps of the table (``benchmarks/bounded.py``).
+    A quick training of an object takes larger steps of the table.
     """
     if unbounded:
         return OptimiserConfig(distortion_weight=0.03)
-    return OptimiserConfig(table_learning_rate=3e-2)
+    return OptimiserConfig(table_learning_rate=3e-2 if quick else 2e-2)

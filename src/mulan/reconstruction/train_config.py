@@ -8,7 +8,8 @@ from tyro.conf import arg
 
 from mulan.radiance.config import FieldConfig
 
-FIRST_OBJECT_BATCH = 4096  # samples
+FIRST_OBJECT_BATCH = 4096  # samples, of a quick training
+QUICK_S, QUICK_STEPS = 20.0, 2500
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,7 @@ class TrainConfig:
     """Field evaluations a step, at the end of the training; the number of rays adapts to it."""
     first_batch_samples: int | None = None
     """Field evaluations of the first step, from which they grow by equal factors in equal shares of the
-    training; chosen by the kind of scene if not given."""
+    training; chosen by the kind of scene and the length of the training if not given."""
     final_learning_rate: float = 0.01
     """Learning rate at the end, as a fraction of the first (half a cosine between)."""
     seed: int = 0
@@ -36,6 +37,11 @@ class TrainConfig:
     """Seconds of learning between checkpoints."""
     field: FieldConfig | None = None
     """Sizes of the field; chosen from image size and number of views if not given."""
+
+    @property
+    def quick(self) -> bool:
+        """Whether the rough shape matters more than the last detail (``benchmarks/bounded.py``)."""
+        return self.time_budget_s <= QUICK_S if self.steps is None else self.steps <= QUICK_STEPS
 
     def fraction_done(self, steps: int, seconds: float) -> float:
         """Share of the training behind us, 1 when it is over."""
@@ -55,5 +61,6 @@ class TrainConfig:
         """
         first = self.first_batch_samples
         if first is None:
-            first = self.batch_samples if unbounded else min(FIRST_OBJECT_BATCH, self.batch_samples)
+            grows = self.quick and not unbounded
+            first = min(FIRST_OBJECT_BATCH, self.batch_samples) if grows else self.batch_samples
         return round(first * (self.batch_samples / first) ** fraction_done)

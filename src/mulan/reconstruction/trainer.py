@@ -99,12 +99,12 @@ def train(
     space = choose_space(captured)
     field = config.field or choose_field(config.image_size, len(captured), space.unbounded)
     description = FieldDescription(
-        field, choose_march(config.image_size, space.unbounded), space, not space.unbounded
+        field, choose_march(config.image_size, space.unbounded, config.quick), space, not space.unbounded
     )
     data = ImageTensors(captured, weighting.weight_maps(captured, space))
     if not data.drawable_pixels:
         raise InputError(images.source, "weights", "are zero everywhere", "use weights that keep some images")
-    optimiser = choose_optimiser(space.unbounded)
+    optimiser = choose_optimiser(space.unbounded, config.quick)
     engine = description.new_engine(config.seed, optimiser)
     identity = _identity(config, weighting, description, optimiser, data)
     loop = _Loop(config, space.unbounded, engine, data, test, run, identity)

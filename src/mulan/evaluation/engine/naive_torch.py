@@ -14,7 +14,7 @@ from mulan.radiance.kernels.hash_encoding import HashEncoding, corner_index
 from mulan.radiance.kernels.march import bounded_step_m, box_interval, step_count
 from mulan.radiance.networks import RadianceField
 from mulan.radiance.occupancy import OccupancyGrid
-from mulan.radiance.torch_engine import OptimiserConfig
+from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.reconstruction.field_file import FieldDescription
 
 RAYS_AT_ONCE = 2048
@@ -59,10 +59,10 @@ class NaiveTorchField:
         """An untrained field.
 
         Raises:
-            ValueError: The scene is unbounded.
+            ValueError: The scene is unbounded, or has several cascades.
         """
-        if description.space.unbounded:
-            raise ValueError("the naive field knows bounded scenes only")
+        if description.space.unbounded or description.march.cascades > 1:
+            raise ValueError("the naive field knows bounded scenes with a single occupancy grid only")
         self._description, self._optimiser = description, optimiser or OptimiserConfig()
         self._generator = torch.Generator().manual_seed(seed)
         self.field = RadianceField(description.field, self._generator)
@@ -126,9 +126,9 @@ class NaiveTorchField:
         distance = enter[:, None] + (torch.arange(steps) + jitter[:, None]) * step_m
         points = origins[:, None] + distance[..., None] * directions[:, None]
         unit = space.to_unit(points.view(-1, 3)).view(points.shape)
-        side = len(occupied)
+        side = occupied.shape[1]
         x, y, z = (unit * side).long().clamp(0, side - 1).unbind(-1)
-        ray, step = (occupied[z, y, x] & (distance < leave[:, None])).nonzero(as_tuple=True)
+        ray, step = (occupied[0, z, y, x] & (distance < leave[:, None])).nonzero(as_tuple=True)
 
         density, hidden, features = self.field.geometry(unit[ray, step])
         optical_depth = torch.zeros(distance.shape)

@@ -51,7 +51,7 @@ def describe_field(images: Sequence[CapturedImage], image_size: int) -> FieldDes
     """The field the trainer would choose for these photographs."""
     space = choose_space(images)
     field = choose_field(image_size, len(images), space.unbounded)
-    return FieldDescription(field, choose_march(image_size), space, not space.unbounded)
+    return FieldDescription(field, choose_march(image_size, space.unbounded), space, not space.unbounded)
 
 
 def new_torch_engine(description: FieldDescription, seed: int) -> TorchEngine:
