@@ -32,7 +32,8 @@ int32_t mulan_occupancy_pack(int32_t side, const uint8_t* occupied, uint64_t* wo
 int32_t mulan_pose_gradients(int64_t rays, const float* directions, const float* origin_gradient,
                              const float* direction_gradient, const int64_t* image_index, int64_t images,
                              const float* R_world_camera, float* gradient) {
-    if (rays < 0 || images < 0 || !gradient) return MULAN_BAD_ARGUMENT;
+    if (rays < 0 || images < 0 || (images > 0 && (!gradient || !R_world_camera))) return MULAN_BAD_ARGUMENT;
+    if (rays > 0 && (!directions || !origin_gradient || !direction_gradient || !image_index)) return MULAN_BAD_ARGUMENT;
     for (int64_t i = 0; i < rays; ++i)
         if (image_index[i] < 0 || image_index[i] >= images) return MULAN_BAD_ARGUMENT;
     for (int64_t i = 0; i < 6 * images; ++i) gradient[i] = 0;
