@@ -55,9 +55,7 @@ def run(library: NativeLibrary, workspace: int, rng: np.random.Generator, case: 
     opacity = np.zeros(case.scene.occupancy_resolution**3, np.float32)
     strides = int(rng.integers(1, 9)), int(rng.integers(1, 4)), int(rng.integers(2**31))
     cells = at(case.occupied), at(opacity)
-    check(
-        c.mulan_occupancy_refresh(workspace, case.field, case.scene, parameters, 0.95, *strides, 5, *cells)
-    )
+    check(c.mulan_occupancy_refresh(workspace, case.field, case.scene, parameters, 0.95, *strides, 5, *cells))
     encode_points(library, workspace, parameters, case, odd_rays(rng, case.scene, n)[0])
     R, index = rng.random((4, 3, 3), np.float32), rng.integers(0, 4, n)
     poses = np.zeros((4, 6), np.float32)

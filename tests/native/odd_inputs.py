@@ -1,4 +1,4 @@
-"""Fields, scenes, rays and parameters that no one would ask for, as numpy arrays and the library's structures."""
+"""Fields, scenes, rays and parameters that no one would ask for, as arrays and the library's structures."""
 
 import ctypes
 from dataclasses import dataclass
@@ -85,8 +85,8 @@ def odd_case(rng: np.random.Generator, library: NativeLibrary) -> Case:
 def odd_rays(rng: np.random.Generator, scene: NativeScene, n: int) -> tuple[NDArray, NDArray]:
     """Origins and directions [n, 3]: ordinary rays of the scene among ones that are not.
 
-    A third of the numbers of every other ray are infinite, NaN, enormous, tiny or zero; some rays start on faces,
-    edges and corners of the box or of a cell, some run along an axis.
+    A third of the numbers of every other ray are infinite, NaN, enormous, tiny or zero; some rays start on
+    faces, edges and corners of the box or of a cell, some run along an axis.
     """
     centre, radius = np.array(scene.centre_m[:], np.float32), np.float32(scene.radius_m)
     unit = rng.normal(size=(n, 3)).astype(np.float32) * 2
@@ -100,7 +100,9 @@ def odd_rays(rng: np.random.Generator, scene: NativeScene, n: int) -> tuple[NDAr
         towards = rng.uniform(-1, 1, (n, 3)) - unit
         directions = (towards / np.linalg.norm(towards, axis=1, keepdims=True)).astype(np.float32)
     axis = rng.random(n) < 0.2
-    directions[axis] = np.eye(3, dtype=np.float32)[rng.integers(0, 3, n)][axis] * np.float32(1 - 2 * rng.integers(2))
+    directions[axis] = np.eye(3, dtype=np.float32)[rng.integers(0, 3, n)][axis] * np.float32(
+        1 - 2 * rng.integers(2)
+    )
     values = np.array([*NOT_FINITE, *LARGE_AND_SMALL], np.float32)
     for rays in (origins, directions):
         strange = (rng.random((n, 3)) < 0.35) & (np.arange(n) % 2 == 0)[:, None]

@@ -1,7 +1,7 @@
 """Builds the engine with sanitizers and runs things under them. By itself, as 'make sanitize': everything.
 
-Each sanitizer's run-time must be in the process before python's own memory is allocated, hence a process of its own
-with LD_PRELOAD.
+Each sanitizer's run-time must be in the process before python's own memory is allocated, hence a process of
+its own with LD_PRELOAD.
 """
 
 import os
@@ -79,7 +79,9 @@ def main() -> int:
     """Every build of the kernels: long fuzzing, then the engine's other tests, under either sanitizer."""
     for sanitizer in (MEMORY, THREADS):
         if not sanitizer.runtime_path():
-            print(f"{sanitizer.flags}: the compiler has no {sanitizer.runtime}; on Debian: apt-get install g++")
+            print(
+                f"{sanitizer.flags}: the compiler has no {sanitizer.runtime}; on Debian: apt-get install g++"
+            )
             return 1
         library = str(build(sanitizer))
         tests = ["-m", "pytest", "-x", "tests/native", "-k", "not sanitizer"]

@@ -176,17 +176,6 @@ def test_a_ray_may_have_more_samples_than_a_tile(library: NativeLibrary) -> None
     assert losses[-1] < 0.9 * losses[0]
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_rays_that_are_not_finite_are_refused(library: NativeLibrary, value: float) -> None:
-    engine = make_engine(library)
-    o, d = rays_around(10, torch.Generator().manual_seed(0))
-    o[4, 1] = value
-    with pytest.raises(ValueError, match="finite"):
-        engine.render(o, d)
-    with pytest.raises(ValueError, match="finite"):
-        engine.train_step(RayBatch(d, o, d, torch.ones(10), torch.zeros(10, dtype=torch.int64)), 1.0)
-
-
 def test_no_rays_at_all(library: NativeLibrary) -> None:
     engine = make_engine(library)
     empty, none = torch.zeros(0, 3), torch.zeros(0)

@@ -7,9 +7,7 @@ from tests.native.conftest import BUILDS
 from tests.native.sanitizers import FUZZ, MEMORY, THREADS, Sanitizer, build
 
 
-@pytest.mark.parametrize(
-    ("sanitizer", "cases"), [(MEMORY, 60), (THREADS, 25)], ids=["memory", "threads"]
-)
+@pytest.mark.parametrize(("sanitizer", "cases"), [(MEMORY, 60), (THREADS, 25)], ids=["memory", "threads"])
 def test_odd_rays_are_harmless_under_a_sanitizer(
     library: NativeLibrary, sanitizer: Sanitizer, cases: int
 ) -> None:

@@ -36,17 +36,20 @@ def pose_gradients(
     directions turn by ``R w``. The sum is taken in the order of the rays.
 
     Raises:
-        ValueError: An image index is out of range.
+        ValueError: An image index is out of range, or arrays do not belong together.
     """
     out = torch.zeros(len(R_world_camera), 6)
     arrays = [directions, gradients.origins, gradients.directions, image_index.long(), R_world_camera]
     d, to_origins, to_directions, index, R = (x.contiguous() for x in arrays)
+    if tuple(index.shape) != (len(d),):
+        raise ValueError(f"{len(d)} rays need an image index each, not {tuple(index.shape)}")
     check(
         library.functions.mulan_pose_gradients(
             len(d),
-            *(address(x) for x in (d, to_origins, to_directions, index)),
+            *(address(x, (len(d), 3)) for x in (d, to_origins, to_directions)),
+            address(index),
             len(R),
-            address(R),
+            address(R, (len(R), 3, 3)),
             address(out),
         )
     )

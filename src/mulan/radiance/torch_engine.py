@@ -8,6 +8,7 @@ from torch import Tensor
 
 from mulan.radiance.config import FieldConfig, MarchConfig
 from mulan.radiance.engine import RadianceEngine, RayBatch, RaySamples, Rendering, StepReport
+from mulan.radiance.finite import check_finite_batch, check_finite_rays
 from mulan.radiance.networks import RadianceField
 from mulan.radiance.occupancy import OccupancyGrid
 from mulan.radiance.rendering import FieldSamples, evaluate_rays
@@ -77,6 +78,7 @@ class TorchEngine(RadianceEngine):
 
     def train_step(self, batch: RayBatch, learning_rate_factor: float) -> StepReport:
         """One optimiser step; see :class:`RadianceEngine`."""
+        check_finite_batch(batch)
         used = (batch.weights > 0).nonzero()[:, 0]
         origins, directions = batch.origins[used], batch.directions[used]
         target, weights = batch.colours[used], batch.weights[used]
@@ -108,6 +110,7 @@ class TorchEngine(RadianceEngine):
 
         The depth is the blend's mean distance, 0 where nothing is hit.
         """
+        check_finite_rays(origins, directions)
         parts = []
         for start in range(0, len(origins), self._rays_at_once):
             o = origins[start : start + self._rays_at_once]
@@ -123,6 +126,7 @@ class TorchEngine(RadianceEngine):
     @torch.no_grad()
     def sample(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> RaySamples:
         """The samples a rendering is made of; see :class:`RadianceEngine`."""
+        check_finite_rays(origins, directions)
         parts = []
         for start in range(0, max(len(origins), 1), self._rays_at_once):
             o = origins[start : start + self._rays_at_once]

@@ -2,6 +2,7 @@
 
 import math
 
+import torch
 from torch import Tensor
 
 from mulan.radiance.config import FieldConfig, MarchConfig
@@ -15,13 +16,14 @@ def address(array: Tensor, shape: tuple[int, ...] | None = None) -> int:
     """Where an array lies; the caller keeps it alive.
 
     Raises:
-        ValueError: It is not contiguous, not in main memory, or of another shape; floats must be single.
+        ValueError: It is not contiguous, not in main memory, or of another shape; floats must be single, and
+            what has to have a shape must be floats.
     """
     if not array.is_contiguous() or array.device.type != "cpu":
         raise ValueError("the native engine needs contiguous tensors in main memory")
     if shape is not None and tuple(array.shape) != shape:
         raise ValueError(f"expected an array of shape {shape}, not {tuple(array.shape)}")
-    if array.is_floating_point() and array.element_size() != 4:
+    if (shape is not None or array.is_floating_point()) and array.dtype != torch.float32:
         raise ValueError(f"expected single-precision floats, not {array.dtype}")
     return array.data_ptr()
 

@@ -63,12 +63,12 @@ bool valid(const MulanAdam* a) {
 bool valid(const MulanRendering* out, int64_t rays) {
     return out && given(rays, {out->colour, out->depth_m, out->opacity, out->variance});
 }
-// [rays + 1] starts of packed samples: they never fall.
-bool ascending(const int64_t* offsets, int64_t rays) {
-    if (!offsets || rays < 0 || offsets[0] < 0) return false;
+// Samples between the [rays + 1] starts of rays, which never fall; -1 if they do.
+int64_t packed_samples(const int64_t* offsets, int64_t rays) {
+    if (!offsets || rays < 0 || (rays > 0 && offsets[0] < 0)) return -1;
     for (int64_t i = 0; i < rays; ++i)
-        if (offsets[i + 1] < offsets[i] || offsets[i + 1] - offsets[i] > INT32_MAX / 2) return false;
-    return true;
+        if (offsets[i + 1] < offsets[i] || offsets[i + 1] - offsets[i] > INT32_MAX / 2) return -1;
+    return rays > 0 ? offsets[rays] - offsets[0] : 0;
 }
 
 template <class Call> int32_t guarded(bool valid_arguments, const Call& call) {
@@ -145,9 +145,8 @@ int32_t mulan_render(MulanWorkspace* w, const MulanField* f, const MulanScene* s
 int32_t mulan_sample(MulanWorkspace* w, const MulanField* f, const MulanScene* s, const MulanOccupancy* o,
                      const MulanParameters* p, const MulanRays* rays, const int64_t* offsets, int32_t* kept,
                      float* blend, float* colour, float* variance, float* distance_m) {
-    const bool ok = w && valid(f) && valid(s) && valid(o) && valid(p) && valid(rays) && ascending(offsets, rays->count) &&
-                    given(rays->count, {kept}) &&
-                    given(offsets[rays->count] - offsets[0], {blend, colour, variance, distance_m});
+    const bool ok = w && valid(f) && valid(s) && valid(o) && valid(p) && valid(rays) && given(rays->count, {kept}) &&
+                    given(packed_samples(offsets, rays->count), {blend, colour, variance, distance_m});
     return guarded(ok, [&] {
         return kernels().sample(w, f, s, o, p, rays, offsets, kept, blend, colour, variance, distance_m);
     });
@@ -225,8 +224,8 @@ int32_t mulan_networks_backward(MulanWorkspace* w, const MulanField* f, const fl
 int32_t mulan_composite(const MulanScene* s, int64_t rays, const int64_t* offsets, const float* density,
                         const float* dt_m, const float* t_m, const float* colour, const float* variance, float* blend,
                         const MulanRendering* out) {
-    const bool ok = valid(s) && ascending(offsets, rays) && valid(out, rays) &&
-                    given(offsets[rays] - offsets[0], {density, dt_m, t_m, colour, variance, blend});
+    const bool ok = valid(s) && valid(out, rays) &&
+                    given(packed_samples(offsets, rays), {density, dt_m, t_m, colour, variance, blend});
     return guarded(ok, [&] {
         return kernels().composite(s, rays, offsets, density, dt_m, t_m, colour, variance, blend, out);
     });
@@ -235,8 +234,8 @@ int32_t mulan_composite(const MulanScene* s, int64_t rays, const int64_t* offset
 int32_t mulan_composite_backward(const MulanScene* s, int64_t rays, const int64_t* offsets, const float* density,
                                  const float* dt_m, const float* colour, const float* ray_colour_gradient,
                                  float* density_gradient, float* colour_gradient) {
-    const bool ok = valid(s) && ascending(offsets, rays) && given(rays, {ray_colour_gradient}) &&
-                    given(offsets[rays] - offsets[0], {density, dt_m, colour, density_gradient, colour_gradient});
+    const bool ok = valid(s) && given(rays, {ray_colour_gradient}) &&
+                    given(packed_samples(offsets, rays), {density, dt_m, colour, density_gradient, colour_gradient});
     return guarded(ok, [&] {
         return kernels().composite_backward(s, rays, offsets, density, dt_m, colour, ray_colour_gradient,
                                             density_gradient, colour_gradient);
