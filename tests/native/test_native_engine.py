@@ -96,16 +96,6 @@ def test_saved_state_continues_as_if_never_interrupted(library: NativeLibrary) -
     assert states_equal(whole.state(), second.state())
 
 
-def test_training_is_equal_bit_for_bit_at_any_number_of_threads(library: NativeLibrary) -> None:
-    states = []
-    for threads in (1, 2, 3):
-        engine = make_engine(library, threads=threads, warm_up=1)
-        train(engine, 40)
-        states.append(engine.state())
-    assert states_equal(states[0], states[1])
-    assert states_equal(states[0], states[2])
-
-
 def test_large_batches_are_learnt_in_waves_without_loss(library: NativeLibrary) -> None:
     """More samples than fit one wave give the gradient step of all of them."""
     o, d = rays_around(9000, torch.Generator().manual_seed(0))
