@@ -1,4 +1,4 @@
-"""Bit-equal: training, ray gradients, pose gradients and rendering, across numbers of threads and processes."""
+"""Bit-equal: training, ray and pose gradients and rendering, across numbers of threads and processes."""
 
 import hashlib
 import subprocess
@@ -51,7 +51,8 @@ def test_any_number_of_threads_gives_the_same_bits(library: NativeLibrary, unbou
 
 def test_another_process_gives_the_same_bits(library: NativeLibrary) -> None:
     program = (
-        "import sys; from pathlib import Path; from mulan.radiance.kernels.native_library import NativeLibrary; "
+        "import sys; from pathlib import Path; "
+        "from mulan.radiance.kernels.native_library import NativeLibrary; "
         "from tests.native.test_results_do_not_depend_on_threads import digest_of_a_training as digest; "
         "print(digest(NativeLibrary(Path(sys.argv[1])), 2, True))"
     )

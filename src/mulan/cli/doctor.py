@@ -1,5 +1,6 @@
 """``mulan doctor``: what this machine has, and what each missing part costs."""
 
+import logging
 import os
 import platform
 import shutil
@@ -45,17 +46,36 @@ def _library(name: str, purpose: str) -> Finding:
 def _gpu() -> Finding:
     import torch
 
-    if torch.cuda.is_available():
-        return Finding("GPU", True, torch.cuda.get_device_name(0))
-    return Finding("GPU", None, "none; everything runs on the CPU")
+    if not torch.cuda.is_available():
+        return Finding("GPU", None, "none; everything runs on the CPU")
+    try:
+        return Finding("GPU", True, f"{torch.cuda.get_device_name(0)}, Triton {version('triton')}")
+    except PackageNotFoundError:
+        detail = f"{torch.cuda.get_device_name(0)}, but no Triton: 'pip install triton' lets the field use it"
+        return Finding("GPU", False, detail)
 
 
 def _native_engine() -> Finding:
+    import torch
+
     from mulan.radiance.backend import WITHOUT_NATIVE
     from mulan.radiance.kernels.native_library import find_native_library
 
     library, detail = find_native_library()
-    return Finding("native engine", library is not None, detail if library else f"{detail}: {WITHOUT_NATIVE}")
+    if library is None:
+        return Finding("native engine", False, f"{detail}: {WITHOUT_NATIVE}")
+    threads = f"{library.instruction_set} instructions, {torch.get_num_threads()} threads"
+    return Finding("native engine", True, f"{threads}, {library.path}")
+
+
+def _speed() -> Finding:
+    from mulan.radiance.speed import measure_training_speed
+
+    # the findings have a line on a missing engine; its warning would break the table
+    logging.getLogger("mulan.radiance.backend").setLevel(logging.ERROR)
+    speed = measure_training_speed()
+    rate = f"{speed.samples_per_s / 1e6:.2f} M samples/s, {speed.rays_per_s / 1e3:.0f} k rays/s"
+    return Finding("speed", None, f"{rate} in a second of training on a built-in scene")
 
 
 def _memory_gib() -> float:
@@ -95,6 +115,7 @@ def diagnose() -> list[Finding]:
         _gpu(),
         _library("torch", "the radiance field"),
         _native_engine(),
+        _speed(),
         _library("gtsam", "localization"),
         _library("mitsuba", "photographs of simulated scenes"),
         _library("rosbags", "reading and writing bags"),
