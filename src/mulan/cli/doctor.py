@@ -74,7 +74,7 @@ def _speed() -> Finding:
     # the findings have a line on a missing engine; its warning would break the table
     logging.getLogger("mulan.radiance.backend").setLevel(logging.ERROR)
     speed = measure_training_speed()
-    rate = f"{speed.samples_per_s / 1e6:.2f} M samples/s, {speed.rays_per_s / 1e3:.0f} k rays/s"
+    rate = f"{speed.samples_per_s / 1e6:.2f} M samples/s, {speed.rays_per_s / 1e3:.3g} k rays/s"
     return Finding("speed", None, f"{rate} in a second of training on a built-in scene")
 
 
