@@ -14,6 +14,7 @@ from mulan.radiance.kernels.native_structures import (
     NativeGradients,
     NativeObjective,
     NativeParameters,
+    NativePoses,
     NativeRays,
     NativeRendering,
     NativeStepReport,
@@ -39,7 +40,13 @@ def run(library: NativeLibrary, workspace: int, rng: np.random.Generator, case: 
 
     march_and_sample(library, context, parameters, rays)
     gradients = [np.zeros_like(x) for x in (case.table, case.networks, origins, directions)]
-    objective = NativeObjective(at(colours), at(weights), None, float(rng.choice([0, 0.1])), 1.0)
+    behind = rng.random((n, 3), np.float32)
+    objective = NativeObjective(at(colours), at(weights), None, at(behind), float(rng.choice([0, 0.1])), 1.0)
+    objective.likelihood, objective.distortion_weight = int(rng.integers(2)), float(rng.choice([0, 0.1]))
+    objective.entropy_weight = float(rng.choice([0, 0.1]))
+    index, R = rng.integers(0, 4, n), rng.random((4, 3, 3), np.float32)
+    to_poses = np.zeros((4, 6), np.float32)
+    poses = NativePoses(4, at(index), at(R), at(to_poses))
     report = NativeStepReport()
     wanted = NativeGradients(*(at(x) for x in gradients))
     check(c.mulan_gradients(*context, parameters, rays, objective, wanted, rendering, report))
@@ -48,19 +55,17 @@ def run(library: NativeLibrary, workspace: int, rng: np.random.Generator, case: 
     check(c.mulan_gradients(*context, parameters, rays, given, only_rays, None, report))
     moments = [np.zeros_like(x) for x in (case.table, case.table, case.networks, case.networks)]
     adam = NativeAdam(*(at(x) for x in moments), 1e-2, 1e-2, 0.9, 0.99, 1e-15, 1, int(rng.integers(2)))
-    for ray_gradients in ((None, None), (at(gradients[2]), at(gradients[3]))):
+    for wanted_here in ((at(gradients[2]), at(gradients[3]), None), (None, None, poses), (None, None, None)):
         arrays = at(case.table), at(case.networks)
-        check(c.mulan_train_step(*context, *arrays, rays, objective, adam, *ray_gradients, report))
+        check(c.mulan_train_step(*context, *arrays, rays, objective, adam, *wanted_here, report))
 
-    opacity = np.zeros(case.scene.occupancy_resolution**3, np.float32)
+    opacity = np.zeros(len(case.occupied), np.float32)
     strides = int(rng.integers(1, 9)), int(rng.integers(1, 4)), int(rng.integers(2**31))
     cells = at(case.occupied), at(opacity)
     check(c.mulan_occupancy_refresh(workspace, case.field, case.scene, parameters, 0.95, *strides, 5, *cells))
     encode_points(library, workspace, parameters, case, odd_rays(rng, case.scene, n)[0])
-    R, index = rng.random((4, 3, 3), np.float32), rng.integers(0, 4, n)
-    poses = np.zeros((4, 6), np.float32)
-    arrays = (at(x) for x in (directions, *gradients[2:], index))
-    check(c.mulan_pose_gradients(n, *arrays, 4, at(R), at(poses)))
+    arrays = (at(x) for x in (directions, *gradients[2:]))
+    check(c.mulan_pose_gradients(n, *arrays, poses))
 
 
 def march_and_sample(

@@ -58,8 +58,11 @@ def odd_scene(rng: np.random.Generator) -> NativeScene:
         min_transmittance=float(rng.choice([1e-4, 0.0, 2.0])),
         unbounded=int(rng.integers(2)),
         steps=int(rng.choice([1, 7, 40, 255, 257, 500])),
-        occupancy_resolution=int(rng.choice([4, 8, 20, 32])),
+        occupancy_resolution=int(rng.choice([4, 8, 16, 20, 32])),
+        cascades=1,
     )
+    if scene.occupancy_resolution % 16 == 0:
+        scene.cascades = int(rng.integers(1, 5))
     scene.centre_m[:] = rng.choice([0.0, 0.5, -7.0, 1e30], 3, p=[0.6, 0.2, 0.15, 0.05]).tolist()
     scene.background[:] = [1.0, 0.5, 0.0]
     return scene
@@ -67,12 +70,12 @@ def odd_scene(rng: np.random.Generator) -> NativeScene:
 
 def odd_case(rng: np.random.Generator, library: NativeLibrary) -> Case:
     field, scene = odd_field(rng), odd_scene(rng)
-    side = scene.occupancy_resolution
-    occupied = (rng.random(side**3) < rng.choice([0.0, 0.01, 0.5, 1.0])).astype(np.uint8)
-    words = np.zeros((side // 4) ** 3, np.uint64)
+    side, cascades = scene.occupancy_resolution, scene.cascades
+    occupied = (rng.random(cascades * side**3) < rng.choice([0.0, 0.01, 0.5, 1.0])).astype(np.uint8)
+    words = np.zeros(cascades * (side // 4) ** 3, np.uint64)
     occupancy = NativeOccupancy(words=at(words), least_opacity=float(rng.choice([0.0, 0.03])))
     bounds = ctypes.addressof(occupancy.lower), ctypes.addressof(occupancy.upper)
-    check(library.functions.mulan_occupancy_pack(side, at(occupied), at(words), *bounds))
+    check(library.functions.mulan_occupancy_pack(side, cascades, at(occupied), at(words), *bounds))
     scale = float(rng.choice([1.0, 1.0, 1e-30, 1e30]))
     table = (scale * rng.normal(size=(field.levels, 2**field.log2_table_size, 2))).astype(np.float32)
     networks = rng.normal(size=library.functions.mulan_network_parameters(field)).astype(np.float32)

@@ -38,11 +38,12 @@ static void run_scene(MulanWorkspace* w, int unbounded, int jitter) {
     scene.unbounded = unbounded;
     scene.steps = 60;
     scene.occupancy_resolution = SIDE;
+    scene.cascades = 1;
     uint8_t* occupied = malloc(SIDE * SIDE * SIDE);
     for (int i = 0; i < SIDE * SIDE * SIDE; ++i) occupied[i] = random_number() > -0.5f;
     uint64_t* words = calloc(SIDE * SIDE * SIDE / 64, 8);
     MulanOccupancy occupancy = {.words = words};
-    must(mulan_occupancy_pack(SIDE, occupied, words, occupancy.lower, occupancy.upper), "pack");
+    must(mulan_occupancy_pack(SIDE, 1, occupied, words, occupancy.lower, occupancy.upper), "pack");
 
     const int parameters = (int)mulan_network_parameters(&field), entries = LEVELS * TABLE * 2;
     float *table = random_array(entries, 0.1f), *networks = random_array(parameters, 0.4f);
@@ -58,7 +59,7 @@ static void run_scene(MulanWorkspace* w, int unbounded, int jitter) {
         weights[i] = i % 7 ? 1 : 0;
     }
     const MulanRays rays = {RAYS, o, d, 11, jitter};
-    const MulanObjective objective = {colours, weights, NULL, 0.1f, 1};
+    const MulanObjective objective = {.colours = colours, .weights = weights, .huber_delta = 0.1f, .variance_weight = 1};
     MulanAdam adam = {zeros(entries), zeros(entries), zeros(parameters), zeros(parameters),
                       1e-2f,          1e-2f,          0.9f,              0.99f,
                       1e-15f,         0,              1};
@@ -67,7 +68,7 @@ static void run_scene(MulanWorkspace* w, int unbounded, int jitter) {
     MulanStepReport report;
     for (adam.step = 1; adam.step <= 8; ++adam.step) {
         must(mulan_train_step(w, &field, &scene, &occupancy, table, networks, &rays, &objective, &adam, to_origins,
-                              to_directions, &report),
+                              to_directions, NULL, &report),
              "train step");
         if (adam.step > 1) continue;
         first_loss = report.loss;

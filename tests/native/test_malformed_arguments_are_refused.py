@@ -13,6 +13,7 @@ from mulan.radiance.kernels.native_structures import (
     NativeGradients,
     NativeObjective,
     NativeParameters,
+    NativePoses,
     NativeRays,
     NativeRendering,
     NativeStepReport,
@@ -21,7 +22,7 @@ from tests.native.odd_inputs import Case, at, odd_case, odd_rays
 
 REFUSED = 1
 OPTIONAL = {  # arguments that may be null, by position
-    "mulan_train_step": {9, 10},  # but only both
+    "mulan_train_step": {9, 10, 11},  # 9 and 10 but only both
     "mulan_gradients": {8},
     "mulan_march": {4, 5},  # but only both
     "mulan_encode_backward": {5, 6},
@@ -46,11 +47,12 @@ class Calls:
         self.buffers: list[np.ndarray] = [o, d]
         floats, a = self._floats, self._floats(500_000)
         self.rays = NativeRays(self.n, at(o), at(d), 1, 1)
-        self.objective = NativeObjective(a, a, None, 0.1, 1.0)
+        self.objective = NativeObjective(a, a, None, a, 0.1, 1.0)
         self.adam = NativeAdam(*(floats(200_000) for _ in range(4)), 1e-2, 1e-2, 0.9, 0.99, 1e-15, 1, 1)
         self.gradients = NativeGradients(*(floats(200_000) for _ in range(4)))
         self.rendering = NativeRendering(*(floats(1000) for _ in range(4)))
         self.parameters = NativeParameters(at(self.case.table), at(self.case.networks))
+        self.poses = NativePoses(self.n, self._integers(self.n), a, floats(100))
         self.arguments = self._arguments(floats)
 
     @staticmethod
@@ -76,14 +78,16 @@ class Calls:
         table, networks, occupied = at(case.table), at(case.networks), at(case.occupied)
         report = NativeStepReport()
         return {
-            "mulan_train_step": [*(*context, table, networks, rays, self.objective, self.adam, a, a, report)],
+            "mulan_train_step": [
+                *(*context, table, networks, rays, self.objective, self.adam, a, a, self.poses, report)
+            ],
             "mulan_gradients": [*(*context, p, rays, self.objective, self.gradients, self.rendering, report)],
             "mulan_render": [*context, p, rays, self.rendering],
             "mulan_sample": [*context, p, rays, offsets, *(f(1000) for _ in range(5))],
             "mulan_density": [w, field, p, n, a, f(100)],
             "mulan_occupancy_refresh": [w, field, scene, p, 0.9, 1, 1, 0, 5, occupied, f(1000)],
-            "mulan_occupancy_pack": [8, occupied, f(100), f(3), f(3)],
-            "mulan_pose_gradients": [n, a, a, a, offsets, n, a, f(100)],
+            "mulan_occupancy_pack": [8, 1, occupied, f(100), f(3), f(3)],
+            "mulan_pose_gradients": [n, a, a, a, self.poses],
             "mulan_encode": [field, table, n, a, f(1000)],
             "mulan_encode_backward": [field, table, n, a, a, f(200_000), f(1000)],
             "mulan_harmonics": [3, n, a, f(1000)],
@@ -136,10 +140,11 @@ def test_a_missing_array_within_a_structure(calls: Calls) -> None:
         (calls.rendering, ("mulan_render", "mulan_gradients", "mulan_composite")),
         (calls.parameters, ("mulan_render", "mulan_density", "mulan_occupancy_refresh")),
         (calls.gradients, ("mulan_gradients",)),
+        (calls.poses, ("mulan_train_step", "mulan_pose_gradients")),
         (calls.case.occupancy, ("mulan_render", "mulan_march")),
     ):
         for field, kind, *_ in structure._fields_:
-            if kind is not ctypes.c_void_p or field == "colour_gradient":
+            if kind is not ctypes.c_void_p or field in ("colour_gradient", "backgrounds"):
                 continue
             without = copy(structure)
             setattr(without, field, None)
@@ -158,6 +163,7 @@ def test_a_missing_array_within_a_structure(calls: Calls) -> None:
         *(("occupancy_resolution", 6), ("occupancy_resolution", 516), ("growth", np.inf)),
         *(("min_transmittance", np.nan), ("count", -1), ("step", 0), ("beta1", np.nan)),
         *(("huber_delta", np.nan), ("variance_weight", np.inf)),
+        *(("distortion_weight", np.nan), ("entropy_weight", np.inf), ("cascades", 0), ("cascades", 9)),
     ],
 )
 def test_a_number_out_of_bounds(calls: Calls, member: str, value: float) -> None:
@@ -186,8 +192,11 @@ def test_samples_that_run_backwards(calls: Calls) -> None:
 
 
 def test_an_image_that_does_not_exist(calls: Calls) -> None:
-    n, a, b, c, index, _, *rest = calls.arguments["mulan_pose_gradients"]
-    assert calls.status("mulan_pose_gradients", [n, a, b, c, index, n - 1, *rest]) == REFUSED
+    fewer = copy(calls.poses)
+    fewer.images -= 1
+    for name in ("mulan_pose_gradients", "mulan_train_step"):
+        arguments = [fewer if x is calls.poses else x for x in calls.arguments[name]]
+        assert calls.status(name, arguments) == REFUSED
 
 
 @pytest.mark.parametrize("threads", [-1, 1025, 2**31 - 1])

@@ -8,6 +8,7 @@ from torch import Tensor
 
 from mulan.radiance.kernels.native_buffers import address
 from mulan.radiance.kernels.native_library import NativeLibrary, check
+from mulan.radiance.kernels.native_structures import NativePoses
 
 
 @dataclass(frozen=True)
@@ -38,19 +39,20 @@ def pose_gradients(
     Raises:
         ValueError: An image index is out of range, or arrays do not belong together.
     """
-    out = torch.zeros(len(R_world_camera), 6)
-    arrays = [directions, gradients.origins, gradients.directions, image_index.long(), R_world_camera]
-    d, to_origins, to_directions, index, R = (x.contiguous() for x in arrays)
-    if tuple(index.shape) != (len(d),):
-        raise ValueError(f"{len(d)} rays need an image index each, not {tuple(index.shape)}")
-    check(
-        library.functions.mulan_pose_gradients(
-            len(d),
-            *(address(x, (len(d), 3)) for x in (d, to_origins, to_directions)),
-            address(index),
-            len(R),
-            address(R, (len(R), 3, 3)),
-            address(out),
-        )
-    )
+    poses, out, _keep = native_poses(image_index, R_world_camera)
+    arrays = [x.contiguous() for x in (directions, gradients.origins, gradients.directions)]
+    shape = (len(image_index), 3)
+    check(library.functions.mulan_pose_gradients(shape[0], *(address(x, shape) for x in arrays), poses))
     return out
+
+
+def native_poses(
+    image_index: Int[Tensor, "r"], R_world_camera: Float[Tensor, "images 3 3"]
+) -> tuple[NativePoses, Float[Tensor, "images 6"], tuple]:
+    """Poses for a call, the gradient it will fill, and the arrays that must outlive it."""
+    index, R = image_index.long().contiguous(), R_world_camera.contiguous()
+    out = torch.zeros(len(R), 6)
+    poses = NativePoses(
+        len(R), address(index, (len(index),), torch.int64), address(R, (len(R), 3, 3)), address(out)
+    )
+    return poses, out, (index, R)

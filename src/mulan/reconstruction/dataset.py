@@ -42,6 +42,13 @@ class ImageTensors:
         self._colour = torch.from_numpy(
             np.concatenate([image.colour.reshape(-1, 3) for image in self.images])
         )
+        coverage = [image.alpha for image in self.images if image.alpha is not None]
+        # random backgrounds need it of every pixel
+        self._opacity = (
+            torch.from_numpy(np.concatenate([alpha.reshape(-1) for alpha in coverage]))
+            if len(coverage) == len(self.images)
+            else None
+        )
         maps = weight_maps or [torch.ones(h, w) for h, w in sizes]
         self.weights = torch.cat([m.reshape(-1).float() for m in maps])
         poses = np.stack([image.T_world_camera for image in self.images])
@@ -86,6 +93,7 @@ class ImageTensors:
             colours=self._colour[pixel].float() / 255,
             weights=self.weights[pixel],
             image_index=image,
+            opacity=None if self._opacity is None else self._opacity[pixel].float() / 255,
         )
 
     def image_rays(self, image: int) -> RayBatch:

@@ -12,19 +12,19 @@ from mulan.radiance.networks import LOG_DENSITY_MAX, LOG_DENSITY_OFFSET, VARIANC
 from mulan.radiance.space import SceneSpace
 
 
-def address(array: Tensor, shape: tuple[int, ...] | None = None) -> int:
+def address(array: Tensor, shape: tuple[int, ...] | None = None, dtype: torch.dtype = torch.float32) -> int:
     """Where an array lies; the caller keeps it alive.
 
     Raises:
-        ValueError: It is not contiguous, not in main memory, or of another shape; floats must be single, and
-            what has to have a shape must be floats.
+        ValueError: It is not contiguous, not in main memory, or of another shape or type. An array of
+            integers is checked for its type only together with a shape.
     """
     if not array.is_contiguous() or array.device.type != "cpu":
         raise ValueError("the native engine needs contiguous tensors in main memory")
     if shape is not None and tuple(array.shape) != shape:
         raise ValueError(f"expected an array of shape {shape}, not {tuple(array.shape)}")
-    if (shape is not None or array.is_floating_point()) and array.dtype != torch.float32:
-        raise ValueError(f"expected single-precision floats, not {array.dtype}")
+    if (shape is not None or array.is_floating_point()) and array.dtype != dtype:
+        raise ValueError(f"expected {dtype}, not {array.dtype}")
     return array.data_ptr()
 
 
@@ -72,6 +72,7 @@ def native_scene(march: MarchConfig, space: SceneSpace, white_background: bool) 
         unbounded=space.unbounded,
         steps=step_count(march),
         occupancy_resolution=march.occupancy_resolution,
+        cascades=march.cascades,
     )
     scene.centre_m[:] = space.centre_m
     scene.background[:] = [1.0 if white_background else 0.0] * 3
