@@ -10,6 +10,8 @@ from torch import Tensor
 
 from mulan.geometry.camera import PinholeCamera
 from mulan.radiance.engine import RayBatch
+from mulan.radiance.kernels.native_library import find_native_library
+from mulan.radiance.kernels.ray_gather import PixelTable, gather_rays
 from mulan.reconstruction.captured_image import CapturedImage
 
 
@@ -59,10 +61,18 @@ class ImageTensors:
         # pixels of weight zero are never drawn
         self._drawable = (self.weights > 0).nonzero()[:, 0]
         self._every_pixel_drawable = len(self._drawable) == len(self.weights)
+        self._last_table: PixelTable | None = None
 
     def __len__(self) -> int:
         """Number of images."""
         return len(self.images)
+
+    def move_to(self, device: torch.device) -> None:
+        """Keep the pixels, and so make the rays, on another device."""
+        for name in ("_image_of_pixel", "_colour", "weights", "T_world_camera", "_directions", "_drawable"):
+            setattr(self, name, getattr(self, name).to(device))
+        self._direction_shift = self._direction_shift.to(device)
+        self._opacity = None if self._opacity is None else self._opacity.to(device)
 
     @property
     def drawable_pixels(self) -> int:
@@ -73,32 +83,31 @@ class ImageTensors:
         """Short digest of colours, weights, poses and lenses: two sets that differ in any differ in it."""
         digest = hashlib.sha256()
         for tensor in (self._colour, self.weights, self.T_world_camera, self._directions):
-            digest.update(tensor.contiguous().numpy().tobytes())
+            digest.update(tensor.contiguous().cpu().numpy().tobytes())
         return digest.hexdigest()[:16]
 
     def sample(self, rays: int, generator: torch.Generator) -> RayBatch:
         """Pixels drawn uniformly, with replacement, among those of positive weight."""
-        pixel = torch.randint(len(self._drawable), (rays,), generator=generator)
+        pixel = torch.randint(len(self._drawable), (rays,), generator=generator).to(self._drawable.device)
         return self.rays(pixel if self._every_pixel_drawable else self._drawable[pixel])
 
     def rays(self, pixel: Int[Tensor, "r"]) -> RayBatch:
         """Rays of pixels numbered through all images, row by row."""
-        image = self._image_of_pixel[pixel].long()
-        camera_direction = self._directions[pixel + self._direction_shift[image]]
-        T = self.T_world_camera[image]
-        direction = (T[:, :3, :3] * camera_direction[:, None, :]).sum(-1)
-        return RayBatch(
-            origins=T[:, :3, 3],
-            directions=torch.nn.functional.normalize(direction, dim=-1),
-            colours=self._colour[pixel].float() / 255,
-            weights=self.weights[pixel],
-            image_index=image,
-            opacity=None if self._opacity is None else self._opacity[pixel].float() / 255,
-        )
+        return gather_rays(self._table(), pixel, find_native_library()[0])
+
+    def _table(self) -> PixelTable:
+        # poses and weights may have been replaced since the last batch
+        last = self._last_table
+        if last and last.T_world_camera is self.T_world_camera and last.weights is self.weights:
+            return last
+        parts = self._colour, self.weights, self._image_of_pixel, self._directions, self._direction_shift
+        self._last_table = PixelTable(*parts, self.T_world_camera.contiguous(), self._opacity)
+        return self._last_table
 
     def image_rays(self, image: int) -> RayBatch:
         """Every ray of one image, row by row."""
-        return self.rays(torch.arange(int(self._first_pixel[image]), int(self._first_pixel[image + 1])))
+        first, end = (int(self._first_pixel[i]) for i in (image, image + 1))
+        return self.rays(torch.arange(first, end, device=self._drawable.device))
 
 
 def _direction_tables(cameras: Sequence[PinholeCamera]) -> tuple[Float[Tensor, "n 3"], Int[Tensor, "images"]]:

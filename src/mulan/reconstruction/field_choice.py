@@ -6,8 +6,8 @@ from mulan.radiance.optimiser_config import OptimiserConfig
 FEW_VIEWS = 12
 
 
-def choose_field(longest_side: int, views: int, unbounded: bool) -> FieldConfig:
-    """Grid and network sizes that did well on a CPU.
+def choose_field(longest_side: int, views: int, unbounded: bool, on_gpu: bool = False) -> FieldConfig:
+    """Grid and network sizes: those that did well on a CPU, or instant-ngp's on a GPU.
 
     The finest level has about 2.5 cells a pixel across the scene (twice that for an unbounded scene, whose
     inner cube fills half the grid); few views cannot fill fine cells nor tell colour from direction, so
@@ -16,6 +16,14 @@ def choose_field(longest_side: int, views: int, unbounded: bool) -> FieldConfig:
     few = views <= FEW_VIEWS
     finest = longest_side * (0.8 if few else 2.5) * (2 if unbounded else 1)
     finest = min(max(round(finest / 16) * 16, 64), 2048)
+    if on_gpu:
+        return FieldConfig(
+            levels=16,
+            log2_table_size=19,
+            finest_resolution=finest,
+            width=64,
+            harmonics_degree=1 if few else 4,
+        )
     log2_table_size = 15 if finest <= 288 else 16 if finest <= 448 else 17
     return FieldConfig(
         levels=8,
@@ -25,18 +33,31 @@ def choose_field(longest_side: int, views: int, unbounded: bool) -> FieldConfig:
     )
 
 
-def choose_march(longest_side: int, unbounded: bool) -> MarchConfig:
-    """256 steps for small pictures, 384 for larger ones.
+def choose_march(longest_side: int, unbounded: bool, on_gpu: bool = False) -> MarchConfig:
+    """256 steps (an object: 192) for small pictures, 384 for larger ones; on a GPU 1024 and a finer grid.
 
-    Unbounded rays stop at a hundredth of their light, and cells thinner than the thinnest sample that counts
-    are skipped: both were compared by ``benchmarks/unbounded.py``.
+    Rays stop where little light is left (an object: a thousandth, unbounded: a hundredth), and cells thinner
+    than the thinnest sample that counts are skipped: compared by ``benchmarks/bounded.py`` and
+    ``benchmarks/unbounded.py``.
     """
-    steps = 256 if longest_side <= 160 else 384
-    if not unbounded:
-        return MarchConfig(steps=steps)
-    return MarchConfig(steps=steps, occupancy_threshold=MarchConfig.least_opacity, min_transmittance=1e-2)
+    if on_gpu:
+        steps, grid = 1024, 128
+    else:
+        steps = 384 if longest_side > 160 else 256 if unbounded else 192
+        grid = MarchConfig.occupancy_resolution
+    return MarchConfig(
+        steps=steps,
+        occupancy_resolution=grid,
+        occupancy_threshold=MarchConfig.least_opacity if unbounded else 0.03,
+        min_transmittance=1e-2 if unbounded else 1e-3,
+    )
 
 
 def choose_optimiser(unbounded: bool) -> OptimiserConfig:
-    """Unbounded scenes pay for weight scattered along their rays, or fog would stay before the cameras."""
-    return OptimiserConfig(distortion_weight=0.03 if unbounded else 0.0)
+    """Unbounded scenes pay for scattered weight along their rays, without which fog stays before the cameras.
+
+    Objects bear larger steps of the table (``benchmarks/bounded.py``).
+    """
+    if unbounded:
+        return OptimiserConfig(distortion_weight=0.03)
+    return OptimiserConfig(table_learning_rate=3e-2)

@@ -23,7 +23,7 @@ from mulan.reconstruction.scene_space import choose_space
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.weights import Weighting
 
-MAX_RAYS = 16384
+MAX_RAYS = 16384  # with the CPU's batch
 CURVE_POINTS = 5  # at least, of a training with a time budget
 CURVE_VIEWS = 4  # test views behind each point of the training curve
 SMOOTHING = 0.95  # of the running mean squared error shown in the curve
@@ -97,17 +97,19 @@ def train(
     captured = load_captured(images.train, config.image_size)
     test = load_captured(images.test, config.image_size)
     space = choose_space(captured)
-    field = config.field or choose_field(config.image_size, len(captured), space.unbounded)
-    description = FieldDescription(
-        field, choose_march(config.image_size, space.unbounded), space, not space.unbounded
-    )
+    device = config.device.resolve()
+    on_gpu = device.type == "cuda"
+    field = config.field or choose_field(config.image_size, len(captured), space.unbounded, on_gpu)
+    march = config.march or choose_march(config.image_size, space.unbounded, on_gpu)
+    description = FieldDescription(field, march, space, not space.unbounded)
     data = ImageTensors(captured, weighting.weight_maps(captured, space))
     if not data.drawable_pixels:
         raise InputError(images.source, "weights", "are zero everywhere", "use weights that keep some images")
     optimiser = choose_optimiser(space.unbounded)
-    engine = description.new_engine(config.seed, optimiser)
+    engine = description.new_engine(config.seed, optimiser, device)
+    data.move_to(device)
     identity = _identity(config, weighting, description, optimiser, data)
-    loop = _Loop(config, engine, data, test, run, identity)
+    loop = _Loop(config, space.unbounded, engine, data, test, run, identity)
     loop.run_to_end(progress)
     state = loop.state
     save_field(run.field, engine, description)
@@ -122,6 +124,7 @@ class _Loop:
     def __init__(
         self,
         config: TrainConfig,
+        unbounded: bool,
         engine: RadianceEngine,
         data: ImageTensors,
         test: tuple[CapturedImage, ...],
@@ -129,7 +132,8 @@ class _Loop:
         identity: dict[str, Any],
     ) -> None:
         self._config, self._engine, self._data, self._run = config, engine, data, run
-        self._identity = identity
+        self._identity, self._unbounded = identity, unbounded
+        self._on_gpu = engine.device.type == "cuda"
         self._curve_views = ImageTensors(test[:: max(1, len(test) // CURVE_VIEWS)]) if test else None
         self._sampler = torch.Generator().manual_seed(config.seed + 1)
         self.state = Progress()
@@ -176,7 +180,9 @@ class _Loop:
         error = report.mean_squared_error
         if s.mean_squared_error is not None:
             error = SMOOTHING * s.mean_squared_error + (1 - SMOOTHING) * error
-        rays = next_rays(s.rays, report.samples, self._config.batch_samples)
+        config = self._config
+        done = config.fraction_done(s.steps, s.seconds)
+        rays = next_rays(s.rays, report.samples, config.batch_samples_at(done, self._unbounded, self._on_gpu))
         samples = s.samples + report.samples
         self.state = Progress(s.steps + 1, seconds, rays, samples, report.loss, error, s.history)
 
@@ -207,7 +213,8 @@ def _check(images: PosedImageSet, config: TrainConfig) -> None:
     for option, value in (
         ("--time-budget", config.time_budget_s),
         ("--image-size", config.image_size),
-        ("--batch-samples", config.batch_samples),
+        ("--batch-samples", 1 if config.batch_samples is None else config.batch_samples),
+        ("--first-batch-samples", 1 if config.first_batch_samples is None else config.first_batch_samples),
         ("--steps", 1 if config.steps is None else config.steps),
     ):
         if not (math.isfinite(value) and value > 0):
@@ -223,7 +230,7 @@ def _identity(
 ) -> dict[str, Any]:
     """What must be the same for a training to be resumed; how often it reports may change."""
     options = asdict(config)
-    for name in ("evaluate_every_s", "checkpoint_every_s", "field"):
+    for name in ("evaluate_every_s", "checkpoint_every_s", "device", "field", "march"):
         del options[name]
     return {
         **options,
@@ -237,7 +244,7 @@ def _identity(
 def next_rays(rays: int, samples: int, target: int) -> int:
     """Rays that would have met the target, at most doubled or halved at a time."""
     wanted = int(rays * target / max(samples, 1))
-    return max(32, min(max(wanted, rays // 2), rays * 2, MAX_RAYS))
+    return max(32, min(max(wanted, rays // 2), rays * 2, max(MAX_RAYS, target // 2)))
 
 
 def _decibel(mean_squared_error: float | None) -> float:

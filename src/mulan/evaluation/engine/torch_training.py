@@ -60,7 +60,7 @@ def train_torch_field(
         report = field.train_step(data.sample(rays, generator), config.learning_rate_factor(done))
         seconds += time.perf_counter() - began
         samples, steps = samples + report.samples, steps + 1
-        rays = next_rays(rays, report.samples, config.batch_samples)
+        rays = next_rays(rays, report.samples, config.samples_a_batch(on_gpu=False))
     recorder.finish(field, seconds)
     return {
         "psnr_curve": recorder.curve,

@@ -67,8 +67,8 @@ int64_t mulan_workspace_bytes(const MulanWorkspace* w) {
     int64_t bytes = 0;
     for (const mulan::Buffer* b :
          {&w->packed_networks, &w->tiles, &w->march_table, &w->ray_samples, &w->ray_lists, &w->tile_lists,
-          &w->group_gradients, &w->network_gradient, &w->scatter_points, &w->scatter_gradients, &w->table_gradient,
-          &w->ray_gradients})
+          &w->group_gradients, &w->network_gradient, &w->samples, &w->encoded, &w->scatter_gradients,
+          &w->table_gradient, &w->ray_gradients})
         bytes += (int64_t)b->bytes();
     return bytes;
 }
