@@ -97,7 +97,8 @@ def split_training_views(data: Path, longest_side: int) -> Split:
 
 def run(variant: Variant, split: Split, size: int, budget_cpu_s: float, seed: int, threads: int) -> dict:
     space = choose_space(split.train)
-    march = replace(choose_march(size, space.unbounded), **variant.march)
+    quick = TrainConfig(time_budget_s=budget_cpu_s / threads).quick
+    march = replace(choose_march(size, space.unbounded, quick), **variant.march)
     grid = NativeGridConfig(**variant.grid)
     engine = NativeEngine(
         choose_field(size, len(split.train), space.unbounded),
@@ -105,11 +106,14 @@ def run(variant: Variant, split: Split, size: int, budget_cpu_s: float, seed: in
         space,
         white_background=not space.unbounded,
         seed=seed,
-        optimiser=replace(choose_optimiser(space.unbounded), **variant.optimiser),
+        optimiser=replace(choose_optimiser(space.unbounded, quick), **variant.optimiser),
         native=NativeConfig(threads=threads, occupancy=grid),
     )
     data, validation = ImageTensors(split.train), ImageTensors(split.validation)
-    config, sampler = TrainConfig(**variant.train), torch.Generator().manual_seed(seed + 1)
+    config, sampler = (
+        TrainConfig(time_budget_s=budget_cpu_s / threads, **variant.train),
+        torch.Generator().manual_seed(seed + 1),
+    )
     rays, steps, samples, spent_s, all_rays = 256, 0, 0, 0.0, 0
     while spent_s < budget_cpu_s:
         began = time.process_time()

@@ -1,5 +1,7 @@
 """Sizes of the field for a set of photographs."""
 
+from dataclasses import replace
+
 from mulan.radiance.config import FieldConfig, MarchConfig
 from mulan.radiance.optimiser_config import OptimiserConfig
 
@@ -33,31 +35,31 @@ def choose_field(longest_side: int, views: int, unbounded: bool, on_gpu: bool = 
     )
 
 
-def choose_march(longest_side: int, unbounded: bool, on_gpu: bool = False) -> MarchConfig:
-    """256 steps (an object: 192) for small pictures, 384 for larger ones; on a GPU 1024 and a finer grid.
+def choose_march(
+    longest_side: int, unbounded: bool, quick: bool = False, on_gpu: bool = False
+) -> MarchConfig:
+    """256 steps for small pictures, 384 for larger ones; on a GPU 1024 and a finer grid.
 
-    Rays stop where little light is left (an object: a thousandth, unbounded: a hundredth), and cells thinner
-    than the thinnest sample that counts are skipped: compared by ``benchmarks/bounded.py`` and
-    ``benchmarks/unbounded.py``.
+    Unbounded rays stop at a hundredth of their light, and cells thinner than the thinnest sample that counts
+    are skipped: both were compared by ``benchmarks/unbounded.py``. So are those of an object in a quick
+    training (:attr:`TrainConfig.quick`), with fewer steps; a long one would lose detail by it
+    (``benchmarks/bounded.py``).
     """
-    if on_gpu:
-        steps, grid = 1024, 128
-    else:
-        steps = 384 if longest_side > 160 else 256 if unbounded else 192
-        grid = MarchConfig.occupancy_resolution
-    return MarchConfig(
-        steps=steps,
-        occupancy_resolution=grid,
-        occupancy_threshold=MarchConfig.least_opacity if unbounded else 0.03,
-        min_transmittance=1e-2 if unbounded else 1e-3,
-    )
+    steps = 1024 if on_gpu else 256 if longest_side <= 160 else 384
+    grid = 128 if on_gpu else MarchConfig.occupancy_resolution
+    march = MarchConfig(steps=steps, occupancy_resolution=grid)
+    if unbounded:
+        return replace(march, occupancy_threshold=march.least_opacity, min_transmittance=1e-2)
+    if quick and not on_gpu:
+        return MarchConfig(steps=steps * 3 // 4, occupancy_threshold=0.03, min_transmittance=1e-3)
+    return march
 
 
-def choose_optimiser(unbounded: bool) -> OptimiserConfig:
-    """Unbounded scenes pay for scattered weight along their rays, without which fog stays before the cameras.
+def choose_optimiser(unbounded: bool, quick: bool = False) -> OptimiserConfig:
+    """Unbounded scenes pay for weight scattered along their rays, or fog would stay before the cameras.
 
-    Objects bear larger steps of the table (``benchmarks/bounded.py``).
+    A quick training of an object takes larger steps of the table.
     """
     if unbounded:
         return OptimiserConfig(distortion_weight=0.03)
-    return OptimiserConfig(table_learning_rate=3e-2)
+    return OptimiserConfig(table_learning_rate=3e-2 if quick else 2e-2)

@@ -9,7 +9,8 @@ from tyro.conf import EnumChoicesFromValues, arg
 from mulan.radiance.backend import Device
 from mulan.radiance.config import FieldConfig, MarchConfig
 
-FIRST_OBJECT_BATCH = 4096  # samples
+FIRST_OBJECT_BATCH = 4096  # samples, of a quick training
+QUICK_S, QUICK_STEPS = 20.0, 2500
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class TrainConfig:
     16384, on a GPU 262144."""
     first_batch_samples: int | None = None
     """Field evaluations of the first step, from which they grow by equal factors in equal shares of the
-    training; chosen by the kind of scene if not given."""
+    training; chosen by the kind of scene and the length of the training if not given."""
     final_learning_rate: float = 0.01
     """Learning rate at the end, as a fraction of the first (half a cosine between)."""
     seed: int = 0
@@ -47,6 +48,11 @@ class TrainConfig:
         """Field evaluations to aim at in the last step."""
         return self.batch_samples or (2**18 if on_gpu else 2**14)
 
+    @property
+    def quick(self) -> bool:
+        """Whether the rough shape matters more than the last detail (``benchmarks/bounded.py``)."""
+        return self.time_budget_s <= QUICK_S if self.steps is None else self.steps <= QUICK_STEPS
+
     def fraction_done(self, steps: int, seconds: float) -> float:
         """Share of the training behind us, 1 when it is over."""
         done = steps / self.steps if self.steps is not None else seconds / self.time_budget_s
@@ -65,5 +71,6 @@ class TrainConfig:
         """
         last, first = self.samples_a_batch(on_gpu), self.first_batch_samples
         if first is None:
-            first = last if unbounded or on_gpu else min(FIRST_OBJECT_BATCH, last)
+            grows = self.quick and not (unbounded or on_gpu)
+            first = min(FIRST_OBJECT_BATCH, last) if grows else last
         return round(first * (last / first) ** fraction_done)

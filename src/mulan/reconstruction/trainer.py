@@ -100,12 +100,12 @@ def train(
     device = config.device.resolve()
     on_gpu = device.type == "cuda"
     field = config.field or choose_field(config.image_size, len(captured), space.unbounded, on_gpu)
-    march = config.march or choose_march(config.image_size, space.unbounded, on_gpu)
+    march = config.march or choose_march(config.image_size, space.unbounded, config.quick, on_gpu)
     description = FieldDescription(field, march, space, not space.unbounded)
     data = ImageTensors(captured, weighting.weight_maps(captured, space))
     if not data.drawable_pixels:
         raise InputError(images.source, "weights", "are zero everywhere", "use weights that keep some images")
-    optimiser = choose_optimiser(space.unbounded)
+    optimiser = choose_optimiser(space.unbounded, config.quick and not on_gpu)
     engine = description.new_engine(config.seed, optimiser, device)
     data.move_to(device)
     identity = _identity(config, weighting, description, optimiser, data)

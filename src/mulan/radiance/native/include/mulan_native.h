@@ -6,7 +6,9 @@
 #pragma once
 #include <stdint.h>
 
-#if defined(__GNUC__)
+#if defined(_WIN32)
+#define MULAN_API __declspec(dllexport)
+#elif defined(__GNUC__)
 #define MULAN_API __attribute__((visibility("default")))
 #else
 #define MULAN_API
@@ -18,6 +20,7 @@ extern "C" {
 
 #define MULAN_ABI_VERSION 4
 #define MULAN_MAX_LEVELS 32
+#define MULAN_MAX_THREADS 1024
 #define MULAN_MAX_CASCADES 8
 
 enum MulanStatus { MULAN_OK = 0, MULAN_BAD_ARGUMENT = 1, MULAN_OUT_OF_MEMORY = 2 };
@@ -147,9 +150,11 @@ MULAN_API const char* mulan_instruction_set(void);
 // Uses another of the library's builds, for tests; fails if the processor cannot run it.
 MULAN_API int32_t mulan_use_instruction_set(const char* name);
 
-MULAN_API MulanWorkspace* mulan_workspace_create(int32_t threads);  // 0: one a core
+// threads 0: one a core. Null without memory, or without so many threads.
+MULAN_API MulanWorkspace* mulan_workspace_create(int32_t threads);
 MULAN_API void mulan_workspace_destroy(MulanWorkspace*);
 MULAN_API int64_t mulan_workspace_bytes(const MulanWorkspace*);
+// 0 for a field that is not valid.
 MULAN_API int64_t mulan_network_parameters(const MulanField*);
 
 // One optimiser step; parameters and moments change in place. The gradients of its loss, as it was before the step,

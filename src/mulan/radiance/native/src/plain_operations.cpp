@@ -46,6 +46,7 @@ int32_t mulan_occupancy_pack(int32_t side, int32_t cascades, const uint8_t* occu
 int32_t mulan_pose_gradients(int64_t rays, const float* directions, const float* origin_gradient,
                              const float* direction_gradient, const MulanPoses* poses) {
     if (!mulan::valid(poses, rays)) return MULAN_BAD_ARGUMENT;
+    if (rays > 0 && (!directions || !origin_gradient || !direction_gradient)) return MULAN_BAD_ARGUMENT;
     const int64_t images = poses->images, *image_index = poses->image_index;
     float* gradient = poses->gradient;
     for (int64_t i = 0; i < 6 * images; ++i) gradient[i] = 0;
