@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import mulan.radiance.speed  # noqa: F401  (not to be looked for while the package's path is another)
 from mulan.cli.main import run_command
 from mulan.mission.nerfstudio import write_transforms
 from mulan.radiance import backend

@@ -47,12 +47,12 @@ class PixelTable:
             pixels,
             images,
             rows,
-            address(self.colours, (pixels, 3)),
-            None if self.opacity is None else address(self.opacity, (pixels,)),
+            address(self.colours, (pixels, 3), torch.uint8),
+            None if self.opacity is None else address(self.opacity, (pixels,), torch.uint8),
             address(self.weights, (pixels,)),
-            address(self.image, (pixels,)),
+            address(self.image, (pixels,), torch.int32),
             address(self.camera_directions, (rows, 3)),
-            address(self.direction_shift, (images,)),
+            address(self.direction_shift, (images,), torch.int64),
             address(self.T_world_camera, (images, 4, 4)),
         )
 
@@ -88,5 +88,5 @@ def gather_rays(table: PixelTable, pixel: Int[Tensor, "r"], library: NativeLibra
     opacity = None if table.opacity is None else torch.empty(rays)
     out = NativeRayBatch(*(address(x) for x in (origins, directions, colours, weights, image_index)))
     out.opacity = None if opacity is None else address(opacity)
-    check(library.functions.mulan_gather_rays(table.native, rays, address(pixel), out))
+    check(library.functions.mulan_gather_rays(table.native, rays, address(pixel, (rays,), torch.int64), out))
     return RayBatch(origins, directions, colours, weights, image_index, opacity)
