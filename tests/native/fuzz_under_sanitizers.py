@@ -76,7 +76,7 @@ def run(
     check(c.mulan_sample(*context, parameters, rays, at(offsets), *(at(x) for x in samples)))
 
     gradients = [np.zeros_like(x) for x in (table, networks, origins, directions)]
-    objective = NativeObjective(at(colours), at(weights), None, 0.1, 1.0)
+    objective = NativeObjective(at(colours), at(weights), None, 0.1, 1.0, int(rng.choice([1, 2, 15])))
     report = NativeStepReport()
     wanted = NativeGradients(*(at(x) for x in gradients))
     check(c.mulan_gradients(*context, parameters, rays, objective, wanted, rendering, report))

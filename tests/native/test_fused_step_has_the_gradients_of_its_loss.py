@@ -48,12 +48,14 @@ class Problem:
     count: Tensor
     t: Tensor
     dt: Tensor
+    rays_a_pixel: int = 1
 
     def reference_loss(
         self, table: Tensor, networks: Tensor, o: Tensor, d: Tensor, huber: float
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Loss with the variance head's likelihood, loss alone, rendered colours."""
-        share = self.weights.double() / self.weights.double().sum()
+        pixels = self.weights.double()[:: self.rays_a_pixel]
+        share = pixels / pixels.sum()
         t, dt = self.t.double(), self.dt.double()
         on = torch.arange(t.shape[1]) < self.count[:, None]
         points = (o[:, None] + t[..., None] * d[:, None])[on]
@@ -67,28 +69,31 @@ class Problem:
         blend = reference.blend(depth, MARCH.min_transmittance)
         all_colours = empty[..., None].expand(-1, -1, 3).masked_scatter(on[..., None], colour)
         rendered = (blend[..., None] * all_colours).sum(1) + 1 - blend.sum(1)[:, None]
-        error = rendered - self.colours.double()
+        seen = rendered.view(len(share), -1, 3).mean(1)
+        error = seen - self.colours.double()[:: self.rays_a_pixel]
         size = error.abs()
         cost = error**2 if huber == 0 else torch.where(size <= huber, size**2, huber * (2 * size - huber))
-        v = (blend.detach() ** 2 * empty.masked_scatter(on, variance)).sum(1) + 1e-4
+        ray_variance = (blend.detach() ** 2 * empty.masked_scatter(on, variance)).sum(1)
+        v = ray_variance.view(len(share), -1).mean(1) + 1e-4
         likelihood = 0.5 * ((error**2).mean(-1).detach() / v + v.log())
         plain = (share * cost.mean(-1)).sum()
         return plain + (share * likelihood).sum(), plain, rendered
 
 
-def make_problem(library: NativeLibrary, unbounded: bool) -> Problem:
+def make_problem(library: NativeLibrary, unbounded: bool, rays_a_pixel: int = 1) -> Problem:
     g = torch.Generator().manual_seed(5)
     space = SceneSpace((0.0, 0.0, 0.0), 1.0, unbounded)
     table, networks = random_table(g) * 2, random_networks(g, library)
     networks[FIELD.width * 2 * FIELD.levels :][: FIELD.width] *= 4  # rays of every opacity
     o, d = rays_towards(RAYS, 2.5 if not unbounded else 0.7, g)
     grid = pack(library, torch.rand(16, 16, 16, generator=g) < 0.6)
-    weights = torch.rand(RAYS, generator=g)
-    weights[:5] = 0.0
+    d[20], d[30:33] = -d[20], -d[30:33]  # of a pixel, one ray or all rays that meet nothing (in a box)
+    pixels = RAYS // rays_a_pixel
+    weights = torch.rand(pixels, generator=g).repeat_interleave(rays_a_pixel)
+    weights[:6] = 0.0
+    colours = torch.rand(pixels, 3, generator=g).repeat_interleave(rays_a_pixel, 0)
     count, t, dt = march(library, MARCH, space, grid, o, d)
-    return Problem(
-        space, table, networks, o, d, torch.rand(RAYS, 3, generator=g), weights, grid, count, t, dt
-    )
+    return Problem(space, table, networks, o, d, colours, weights, grid, count, t, dt, rays_a_pixel)
 
 
 @dataclass
@@ -115,7 +120,7 @@ def native_answer(library: NativeLibrary, p: Problem, huber: float, threads: int
             p.grid.native,
             NativeParameters(address(p.table), address(p.networks)),
             native_rays(p.origins, p.directions),
-            NativeObjective(address(p.colours), address(p.weights), None, huber, 1.0),
+            NativeObjective(address(p.colours), address(p.weights), None, huber, 1.0, p.rays_a_pixel),
             NativeGradients(*(address(x) for x in gradients)),
             NativeRendering(*(address(x) for x in out)),
             report,
@@ -129,17 +134,19 @@ def relative(got: Tensor, want: Tensor) -> float:
     return float((got.double() - want).norm() / want.norm())
 
 
-@pytest.mark.parametrize("huber", [0.0, 0.2])
+@pytest.mark.parametrize(("huber", "rays_a_pixel"), [(0.0, 1), (0.2, 1), (0.0, 3)])
 @pytest.mark.parametrize("unbounded", [False, True], ids=["bounded", "unbounded"])
-def test_all_gradients_match_autograd(build: NativeLibrary, unbounded: bool, huber: float) -> None:
-    p = make_problem(build, unbounded)
+def test_all_gradients_match_autograd(
+    build: NativeLibrary, unbounded: bool, huber: float, rays_a_pixel: int
+) -> None:
+    p = make_problem(build, unbounded, rays_a_pixel)
     leaves = [x.double().requires_grad_() for x in (p.table, p.networks, p.origins, p.directions)]
     total, plain, colours = p.reference_loss(leaves[0], leaves[1], leaves[2], leaves[3], huber)
     total.backward()
     got = native_answer(build, p, huber)
     assert got.report.loss == pytest.approx(float(plain.detach()), rel=1e-4)
-    assert got.report.rays == RAYS - 5
-    marched = int(p.count[5:].sum())
+    assert got.report.rays == RAYS - 6
+    marched = int(p.count[6:].sum())
     # an unbounded ray's unreached samples are forgotten before they are counted
     assert 0 < got.report.kept < marched
     assert got.report.samples == (got.report.kept if unbounded else marched)
@@ -237,7 +244,7 @@ def test_a_given_colour_gradient_takes_the_place_of_the_loss(library: NativeLibr
             p.grid.native,
             NativeParameters(address(p.table), address(p.networks)),
             native_rays(p.origins, p.directions),
-            NativeObjective(colour_gradient=address(upstream)),
+            NativeObjective(colour_gradient=address(upstream), rays_a_pixel=1),
             NativeGradients(origins=address(got[0]), directions=address(got[1])),
             None,
             NativeStepReport(),

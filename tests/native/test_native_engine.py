@@ -30,9 +30,12 @@ def make_engine(
     return NativeEngine(FIELD, MARCH, space, True, seed=3, native=native, library=library)
 
 
-def train(engine: NativeEngine | TorchEngine, steps: int, seed: int = 0) -> list[float]:
+def train(
+    engine: NativeEngine | TorchEngine, steps: int, seed: int = 0, rays_a_pixel: int = 1
+) -> list[float]:
     g = torch.Generator().manual_seed(seed)
-    return [engine.train_step(batch_around(400, g), 1.0).loss for _ in range(steps)]
+    batches = (batch_around(400, g, rays_a_pixel) for _ in range(steps))
+    return [engine.train_step(batch, 1.0).loss for batch in batches]
 
 
 def states_equal(a: dict[str, torch.Tensor], b: dict[str, torch.Tensor]) -> bool:
@@ -74,11 +77,12 @@ def test_answers_are_the_torch_engines(library: NativeLibrary, space: SceneSpace
     assert abs(len(samples.blend) - len(torch_engine.sample(o, d).blend)) <= 0.001 * len(samples.blend) + 2
 
 
-def test_learning_follows_the_torch_engine(library: NativeLibrary) -> None:
+@pytest.mark.parametrize("rays_a_pixel", [1, 2])
+def test_learning_follows_the_torch_engine(library: NativeLibrary, rays_a_pixel: int) -> None:
     torch_engine = TorchEngine(FIELD, MARCH, BOX, True, seed=3)
     native = make_engine(library, update_untouched=True)
     assert states_equal(native.state(), torch_engine.state())
-    a, b = train(torch_engine, 25), train(native, 25)
+    a, b = (train(engine, 25, rays_a_pixel=rays_a_pixel) for engine in (torch_engine, native))
     # the jitter differs, so the losses agree in the mean only
     assert sum(a[-8:]) == pytest.approx(sum(b[-8:]), rel=0.15)
 

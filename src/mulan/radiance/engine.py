@@ -17,6 +17,8 @@ class RayBatch:
         colours: Target colours in [0, 1], already over the background where the scene has one.
         weights: Trust in each ray; zero means the ray is ignored.
         image_index: Which image each ray came from.
+        rays_a_pixel: So many neighbouring rays sample one pixel (and repeat its colour, weight and image): the
+            loss compares the colour with their mean. At most 16.
     """
 
     origins: Float[Tensor, "r 3"]
@@ -24,6 +26,7 @@ class RayBatch:
     colours: Float[Tensor, "r 3"]
     weights: Float[Tensor, "r"]
     image_index: Int[Tensor, "r"]
+    rays_a_pixel: int = 1
 
 
 @dataclass(frozen=True)

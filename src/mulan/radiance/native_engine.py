@@ -136,7 +136,9 @@ class NativeEngine(RadianceEngine):
         rays, keep = self._rays(origins, directions)
         rendering, c_rendering = self._empty_rendering(len(origins))
         gradients = RayGradients(torch.zeros_like(keep[0]), torch.zeros_like(keep[1]))
-        objective = NativeObjective(colour_gradient=address(colour_gradient, (len(origins), 3)))
+        objective = NativeObjective(
+            colour_gradient=address(colour_gradient, (len(origins), 3)), rays_a_pixel=1
+        )
         out = NativeGradients(origins=address(gradients.origins), directions=address(gradients.directions))
         report = NativeStepReport()
         check(
@@ -238,6 +240,7 @@ class NativeEngine(RadianceEngine):
             weights=address(weights, (rays.count,)),
             huber_delta=optimiser.huber_delta or 0.0,
             variance_weight=1.0,
+            rays_a_pixel=batch.rays_a_pixel,
         )
         adam = NativeAdam(
             *(address(m) for m in (*self._table_moments, *self._network_moments)),

@@ -77,18 +77,20 @@ class TorchEngine(RadianceEngine):
 
     def train_step(self, batch: RayBatch, learning_rate_factor: float) -> StepReport:
         """One optimiser step; see :class:`RadianceEngine`."""
-        used = (batch.weights > 0).nonzero()[:, 0]
+        a_pixel = batch.rays_a_pixel
+        used = (batch.weights[::a_pixel].repeat_interleave(a_pixel) > 0).nonzero()[:, 0]
         origins, directions = batch.origins[used], batch.directions[used]
-        target, weights = batch.colours[used], batch.weights[used]
+        target, weights = batch.colours[used[::a_pixel]], batch.weights[used[::a_pixel]]
         jitter = torch.rand(len(used), generator=self._generator)
         samples = self._evaluate(origins, directions, jitter, EXPLORING_SHARE)
         rendered = samples.composite(len(used))
-        error = self._over_background(rendered.colour, rendered.opacity) - target
+        colour = self._over_background(rendered.colour, rendered.opacity)
+        error = colour.view(-1, a_pixel, 3).mean(1) - target
         squared = error.square().mean(-1)
         share = weights / weights.sum().clamp_min(1e-12)
         loss = (share * self._penalty(error)).sum()
         # Heteroscedastic log-likelihood; blend and residual are detached so that it trains the head only.
-        variance = _rendered_variance(samples, len(used)) + RENDERED_VARIANCE_FLOOR
+        variance = _rendered_variance(samples, len(used)).view(-1, a_pixel).mean(1) + RENDERED_VARIANCE_FLOOR
         likelihood = (share * 0.5 * (squared.detach() / variance + variance.log())).sum()
         self._adam.zero_grad(set_to_none=True)
         (loss + likelihood).backward()

@@ -3,7 +3,7 @@
 import ctypes
 from ctypes import c_double, c_float, c_int32, c_int64, c_uint64, c_void_p
 
-ABI_VERSION = 2
+ABI_VERSION = 3
 MAX_LEVELS = 32
 
 
@@ -79,6 +79,7 @@ class NativeObjective(ctypes.Structure):
         ("colour_gradient", c_void_p),
         ("huber_delta", c_float),
         ("variance_weight", c_float),
+        ("rays_a_pixel", c_int32),
     )
 
 

@@ -16,8 +16,9 @@
 extern "C" {
 #endif
 
-#define MULAN_ABI_VERSION 2
+#define MULAN_ABI_VERSION 3
 #define MULAN_MAX_LEVELS 32
+#define MULAN_MAX_RAYS_A_PIXEL 16
 
 enum MulanStatus { MULAN_OK = 0, MULAN_BAD_ARGUMENT = 1, MULAN_OUT_OF_MEMORY = 2 };
 
@@ -69,6 +70,8 @@ typedef struct {
     const float* colour_gradient;  // [r, 3] or null; given: dLoss/dcolour, and colours and weights are not read
     float huber_delta;             // 0: squared error; else Huber's loss with this corner
     float variance_weight;         // weight of the variance head's likelihood
+    int32_t rays_a_pixel;          // so many neighbouring rays share one colour and weight, and are judged by their mean;
+                                   // 1 with a colour gradient, at most MULAN_MAX_RAYS_A_PIXEL
 } MulanObjective;
 
 // Where gradients go; null where they are not wanted.

@@ -33,7 +33,9 @@ bool valid(const MulanOccupancy* o) { return o && o->words; }
 bool valid(const MulanParameters* p) { return p && p->table && p->networks; }
 bool valid(const MulanRays* r) { return r && r->count >= 0 && (r->count == 0 || (r->origins && r->directions)); }
 bool valid(const MulanObjective* o, const MulanRays* r) {
-    return o && r && (r->count == 0 || o->colour_gradient || (o->colours && o->weights));
+    if (!o || !r || (r->count > 0 && !o->colour_gradient && !(o->colours && o->weights))) return false;
+    if (o->colour_gradient) return o->rays_a_pixel == 1;
+    return o->rays_a_pixel >= 1 && o->rays_a_pixel <= MULAN_MAX_RAYS_A_PIXEL && r->count % o->rays_a_pixel == 0;
 }
 
 template <class Call> int32_t guarded(bool valid_arguments, const Call& call) {
