@@ -17,8 +17,8 @@ class RayBatch:
         colours: Target colours in [0, 1], already over the background where the scene has one.
         weights: Trust in each ray; zero means the ray is ignored.
         image_index: Which image each ray came from.
-        rays_a_pixel: So many neighbouring rays sample one pixel (and repeat its colour, weight and image): the
-            loss compares the colour with their mean. At most 16.
+        rays_a_pixel: So many neighbouring rays (at most 16) sample one pixel, repeat its colour, weight and
+            image: the loss compares the colour with their mean.
     """
 
     origins: Float[Tensor, "r 3"]

@@ -246,7 +246,7 @@ class NativeEngine(RadianceEngine):
             *(address(m) for m in (*self._table_moments, *self._network_moments)),
             optimiser.table_learning_rate * factor,
             optimiser.network_learning_rate * factor,
-            *(0.9, 0.99, 1e-15),
+            *(optimiser.beta1, optimiser.beta2, optimiser.epsilon),
             self._steps + 1,
             not config.update_untouched,
         )

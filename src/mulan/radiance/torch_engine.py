@@ -25,6 +25,12 @@ class OptimiserConfig:
     """Adam's step for the hash table."""
     network_learning_rate: float = 1e-2
     """Adam's step for the networks."""
+    beta1: float = 0.9
+    """Adam's memory of the gradient."""
+    beta2: float = 0.99
+    """Adam's memory of its square; a grid entry meets few rays, so a long memory lags behind."""
+    epsilon: float = 1e-15
+    """Adam's floor under the root of the square."""
     huber_delta: float | None = None
     """Colour errors above this count linearly instead of squared; None = squared throughout."""
     occupancy_every: int = 16
@@ -65,8 +71,8 @@ class TorchEngine(RadianceEngine):
         networks = [p for name, p in self.field.named_parameters() if name != "table"]
         self._adam = torch.optim.Adam(
             [{"params": [self.field.table]}, {"params": networks}],
-            betas=(0.9, 0.99),
-            eps=1e-15,
+            betas=(self.optimiser_config.beta1, self.optimiser_config.beta2),
+            eps=self.optimiser_config.epsilon,
             fused=True,
         )
 

@@ -9,8 +9,9 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from mulan.geometry.camera import PinholeCamera
-from mulan.radiance.engine import RayBatch
+from mulan.radiance.engine import RadianceEngine, RayBatch, Rendering
 from mulan.reconstruction.captured_image import CapturedImage
+from mulan.reconstruction.sub_pixels import random_diagonals, render_pixels, spread_directions
 
 
 class ImageTensors:
@@ -46,6 +47,7 @@ class ImageTensors:
         self.weights = torch.cat([m.reshape(-1).float() for m in maps])
         poses = np.stack([image.T_world_camera for image in self.images])
         self.T_world_camera = torch.from_numpy(poses).float()
+        self._focal_px = torch.tensor([[image.camera.fx, image.camera.fy] for image in self.images])
         self._directions, table_start = _direction_tables([image.camera for image in self.images])
         # added to a global pixel number this gives the row of its direction
         self._direction_shift = table_start - self._first_pixel[:-1]
@@ -74,6 +76,20 @@ class ImageTensors:
         pixel = torch.randint(len(self._drawable), (rays,), generator=generator)
         return self.rays(pixel if self._every_pixel_drawable else self._drawable[pixel])
 
+    def sample_pairs(self, rays: int, generator: torch.Generator) -> RayBatch:
+        """Half as many pixels as rays: each is two rays on one of its diagonals, judged by their mean."""
+        one = self.sample(max(rays // 2, 1), generator)
+        offset_px = random_diagonals(len(one.weights), generator)
+        R, focal_px = self.T_world_camera[one.image_index, :3, :3], self._focal_px[one.image_index]
+        return RayBatch(
+            origins=one.origins.repeat_interleave(2, 0),
+            directions=spread_directions(one.directions, R, focal_px, offset_px),
+            colours=one.colours.repeat_interleave(2, 0),
+            weights=one.weights.repeat_interleave(2),
+            image_index=one.image_index.repeat_interleave(2),
+            rays_a_pixel=2,
+        )
+
     def rays(self, pixel: Int[Tensor, "r"]) -> RayBatch:
         """Rays of pixels numbered through all images, row by row."""
         image = self._image_of_pixel[pixel].long()
@@ -91,6 +107,14 @@ class ImageTensors:
     def image_rays(self, image: int) -> RayBatch:
         """Every ray of one image, row by row."""
         return self.rays(torch.arange(int(self._first_pixel[image]), int(self._first_pixel[image + 1])))
+
+    def render(self, engine: RadianceEngine, image: int, sub_pixels: int = 1) -> Rendering:
+        """What the field shows at one image's pose, row by row; see :func:`render_pixels`."""
+        rays = self.image_rays(image)
+        R, focal_px = self.T_world_camera[image, :3, :3], self._focal_px[image]
+        pixels = len(rays.weights)
+        lens = R.expand(pixels, 3, 3), focal_px.expand(pixels, 2)
+        return render_pixels(engine, rays.origins, rays.directions, *lens, sub_pixels)
 
 
 def _direction_tables(cameras: Sequence[PinholeCamera]) -> tuple[Float[Tensor, "n 3"], Int[Tensor, "images"]]:

@@ -16,14 +16,17 @@ from mulan.reconstruction.captured_image import CapturedImage
 from mulan.reconstruction.dataset import ImageTensors
 
 
-def psnr_db(engine: RadianceEngine, images: ImageTensors, index: int) -> float:
+def psnr_db(engine: RadianceEngine, images: ImageTensors, index: int, sub_pixels: int = 1) -> float:
     """Peak signal-to-noise ratio of one rendered view against its photograph (colours in [0, 1])."""
-    rays = images.image_rays(index)
-    return _psnr_db(engine.render(rays.origins, rays.directions).colour, rays.colours)
+    return _psnr_db(images.render(engine, index, sub_pixels).colour, images.image_rays(index).colours)
 
 
 def evaluate_held_out(
-    engine: RadianceEngine, test: tuple[CapturedImage, ...], run: RunFolder, keep: int = 6
+    engine: RadianceEngine,
+    test: tuple[CapturedImage, ...],
+    run: RunFolder,
+    keep: int = 6,
+    sub_pixels: int = 1,
 ) -> dict[str, Any]:
     """Render every held-out view, compare, and keep some pictures in ``renders/``.
 
@@ -32,6 +35,7 @@ def evaluate_held_out(
         test: Held-out photographs at the size to compare at.
         run: Folder for ``renders/000_true.png``, ``000_rendered.png``, ``000_depth.png`` (near is bright).
         keep: How many views to keep, spread over the set.
+        sub_pixels: Rays a side of a pixel; the field's description says what it was learnt for.
 
     Returns:
         ``views`` (name, psnr_db, ssim each), ``psnr_db`` and ``ssim``, the means over the views, or None
@@ -45,7 +49,7 @@ def evaluate_held_out(
     views = []
     for i, image in enumerate(test):
         rays = images.image_rays(i)
-        rendering = engine.render(rays.origins, rays.directions)
+        rendering = images.render(engine, i, sub_pixels)
         h, w = image.colour.shape[:2]
         view = {
             "name": image.posed.path.name,

@@ -95,7 +95,8 @@ def train(
     test = load_captured(images.test, config.image_size)
     space = choose_space(captured)
     field = config.field or choose_field(config.image_size, len(captured), space.unbounded)
-    description = FieldDescription(field, choose_march(config.image_size), space, not space.unbounded)
+    march = choose_march(config.image_size)
+    description = FieldDescription(field, march, space, not space.unbounded, config.sub_pixels)
     data = ImageTensors(captured, weighting.weight_maps(captured, space))
     if not data.drawable_pixels:
         raise InputError(images.source, "weights", "are zero everywhere", "use weights that keep some images")
@@ -164,7 +165,8 @@ class _Loop:
     def _step(self, learning_rate_factor: float) -> None:
         s = self.state
         began = time.perf_counter()
-        report = self._engine.train_step(self._data.sample(s.rays, self._sampler), learning_rate_factor)
+        draw = self._data.sample_pairs if self._antialiased else self._data.sample
+        report = self._engine.train_step(draw(s.rays, self._sampler), learning_rate_factor)
         seconds = s.seconds + time.perf_counter() - began
         error = report.mean_squared_error
         if s.mean_squared_error is not None:
@@ -173,6 +175,10 @@ class _Loop:
         samples = s.samples + report.samples
         self.state = Progress(s.steps + 1, seconds, rays, samples, report.loss, error, s.history)
 
+    @property
+    def _antialiased(self) -> bool:
+        return self._config.antialiased(self._config.fraction_done(self.state.steps, self.state.seconds))
+
     def _status(self) -> TrainingStatus:
         s = self.state
         done = self._config.fraction_done(s.steps, s.seconds)
@@ -180,7 +186,8 @@ class _Loop:
 
     def _add_to_history(self) -> None:
         views, s = self._curve_views, self.state
-        test = [psnr_db(self._engine, views, i) for i in range(len(views))] if views else []
+        sub_pixels = self._config.sub_pixels if self._antialiased else 1
+        test = [psnr_db(self._engine, views, i, sub_pixels) for i in range(len(views))] if views else []
         point = {
             "seconds": round(s.seconds, 3),
             "steps": s.steps,
@@ -203,6 +210,9 @@ def _check(images: PosedImageSet, config: TrainConfig) -> None:
     ):
         if not (math.isfinite(value) and value > 0):
             raise InputError(option, "value", f"{value} is not a positive number", "give one above zero")
+    if not 0 <= config.antialias_share <= 1:
+        problem = f"{config.antialias_share} is no share"
+        raise InputError("--antialias-share", "value", problem, "give one between 0 and 1")
 
 
 def _identity(
