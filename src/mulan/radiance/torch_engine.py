@@ -27,7 +27,7 @@ class OptimiserConfig:
     """Adam's step for the networks."""
     beta1: float = 0.9
     """Adam's memory of the gradient."""
-    beta2: float = 0.99
+    beta2: float = 0.95
     """Adam's memory of its square; a grid entry meets few rays, so a long memory lags behind."""
     epsilon: float = 1e-15
     """Adam's floor under the root of the square."""

@@ -4,12 +4,43 @@ Judging the mean of several rays lets the field keep what is sharper than a pixe
 Barron et al. 2021, reaches the same end with cones).
 """
 
+from dataclasses import dataclass
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional
 
 from mulan.radiance.engine import RadianceEngine, Rendering
+
+ANTIALIAS_SHARE = 0.3  # of a training; longer gains nothing more and learns from fewer pixels
+
+
+@dataclass(frozen=True)
+class Antialiasing:
+    """When pixels are learnt as several rays.
+
+    Attributes:
+        share: Last share of the training in which they are; 0 = never.
+    """
+
+    share: float
+
+    @staticmethod
+    def choose(wanted: float | None, unbounded: bool) -> "Antialiasing":
+        """What was asked for, or what suits the scene: photographs of whole places gained nothing."""
+        if wanted is not None:
+            return Antialiasing(wanted)
+        return Antialiasing(0.0 if unbounded else ANTIALIAS_SHARE)
+
+    def began(self, fraction_done: float) -> bool:
+        """Whether pixels are several rays by now."""
+        return self.share > 0 and fraction_done >= 1 - self.share
+
+    @property
+    def sub_pixels(self) -> int:
+        """Rays a side of a pixel in pictures of the finished field."""
+        return 2 if self.share > 0 else 1
 
 
 def lattice(side: int) -> Float[Tensor, "k 2"]:

@@ -20,9 +20,10 @@ class TrainConfig:
     """Field evaluations a step; the number of rays adapts to it."""
     final_learning_rate: float = 0.01
     """Learning rate at the end, as a fraction of the first (half a cosine between)."""
-    antialias_share: float = 0.3
-    """Last share of the training in which a pixel is two rays judged by their mean, and the field's pictures
-    have four rays a pixel; 0 = rays through the pixels' centres only, which render four times as fast."""
+    antialias_share: float | None = None
+    """Last share of the training in which a pixel is two rays judged by their mean; the field's pictures then
+    have four rays a pixel. 0 = rays through the pixels' centres only, which render four times as fast; chosen
+    by the kind of scene if not given."""
     seed: int = 0
     """Of the initial field, the batches and the sampling."""
     evaluate_every_s: float = 15.0
@@ -36,15 +37,6 @@ class TrainConfig:
         """Share of the training behind us, 1 when it is over."""
         done = steps / self.steps if self.steps is not None else seconds / self.time_budget_s
         return min(done, 1.0)
-
-    def antialiased(self, fraction_done: float) -> bool:
-        """Whether pixels are several rays by now."""
-        return fraction_done >= 1 - self.antialias_share and self.antialias_share > 0
-
-    @property
-    def sub_pixels(self) -> int:
-        """Rays a side of a pixel in pictures of the finished field."""
-        return 2 if self.antialias_share > 0 else 1
 
     def learning_rate_factor(self, fraction_done: float) -> float:
         """Half a cosine from 1 to the final learning rate."""

@@ -19,6 +19,7 @@ from mulan.reconstruction.field_choice import choose_field, choose_march
 from mulan.reconstruction.field_file import FieldDescription, save_field
 from mulan.reconstruction.held_out import psnr_db
 from mulan.reconstruction.scene_space import choose_space
+from mulan.reconstruction.sub_pixels import Antialiasing
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.weights import Weighting
 
@@ -96,12 +97,14 @@ def train(
     space = choose_space(captured)
     field = config.field or choose_field(config.image_size, len(captured), space.unbounded)
     march = choose_march(config.image_size)
-    description = FieldDescription(field, march, space, not space.unbounded, config.sub_pixels)
+    antialiasing = Antialiasing.choose(config.antialias_share, space.unbounded)
+    description = FieldDescription(field, march, space, not space.unbounded, antialiasing.sub_pixels)
     data = ImageTensors(captured, weighting.weight_maps(captured, space))
     if not data.drawable_pixels:
         raise InputError(images.source, "weights", "are zero everywhere", "use weights that keep some images")
     engine = description.new_engine(config.seed)
-    loop = _Loop(config, engine, data, test, run, _identity(config, weighting, description, data))
+    identity = _identity(config, weighting, description, data)
+    loop = _Loop(config, antialiasing, engine, data, test, run, identity)
     loop.run_to_end(progress)
     state = loop.state
     save_field(run.field, engine, description)
@@ -116,6 +119,7 @@ class _Loop:
     def __init__(
         self,
         config: TrainConfig,
+        antialiasing: Antialiasing,
         engine: RadianceEngine,
         data: ImageTensors,
         test: tuple[CapturedImage, ...],
@@ -123,7 +127,7 @@ class _Loop:
         identity: dict[str, Any],
     ) -> None:
         self._config, self._engine, self._data, self._run = config, engine, data, run
-        self._identity = identity
+        self._identity, self._antialiasing = identity, antialiasing
         self._curve_views = ImageTensors(test[:: max(1, len(test) // CURVE_VIEWS)]) if test else None
         self._sampler = torch.Generator().manual_seed(config.seed + 1)
         self.state = Progress()
@@ -165,19 +169,19 @@ class _Loop:
     def _step(self, learning_rate_factor: float) -> None:
         s = self.state
         began = time.perf_counter()
-        draw = self._data.sample_pairs if self._antialiased else self._data.sample
+        draw = self._data.sample_pairs if self._pixels_are_pairs else self._data.sample
         report = self._engine.train_step(draw(s.rays, self._sampler), learning_rate_factor)
         seconds = s.seconds + time.perf_counter() - began
         error = report.mean_squared_error
         if s.mean_squared_error is not None:
             error = SMOOTHING * s.mean_squared_error + (1 - SMOOTHING) * error
-        rays = _next_rays(s.rays, report.samples, self._config.batch_samples)
+        rays = next_rays(s.rays, report.samples, self._config.batch_samples)
         samples = s.samples + report.samples
         self.state = Progress(s.steps + 1, seconds, rays, samples, report.loss, error, s.history)
 
     @property
-    def _antialiased(self) -> bool:
-        return self._config.antialiased(self._config.fraction_done(self.state.steps, self.state.seconds))
+    def _pixels_are_pairs(self) -> bool:
+        return self._antialiasing.began(self._config.fraction_done(self.state.steps, self.state.seconds))
 
     def _status(self) -> TrainingStatus:
         s = self.state
@@ -186,7 +190,7 @@ class _Loop:
 
     def _add_to_history(self) -> None:
         views, s = self._curve_views, self.state
-        sub_pixels = self._config.sub_pixels if self._antialiased else 1
+        sub_pixels = self._antialiasing.sub_pixels if self._pixels_are_pairs else 1
         test = [psnr_db(self._engine, views, i, sub_pixels) for i in range(len(views))] if views else []
         point = {
             "seconds": round(s.seconds, 3),
@@ -210,7 +214,7 @@ def _check(images: PosedImageSet, config: TrainConfig) -> None:
     ):
         if not (math.isfinite(value) and value > 0):
             raise InputError(option, "value", f"{value} is not a positive number", "give one above zero")
-    if not 0 <= config.antialias_share <= 1:
+    if config.antialias_share is not None and not 0 <= config.antialias_share <= 1:
         problem = f"{config.antialias_share} is no share"
         raise InputError("--antialias-share", "value", problem, "give one between 0 and 1")
 
@@ -230,7 +234,7 @@ def _identity(
     }
 
 
-def _next_rays(rays: int, samples: int, target: int) -> int:
+def next_rays(rays: int, samples: int, target: int) -> int:
     """Rays that would have met the target, at most doubled or halved at a time."""
     wanted = int(rays * target / max(samples, 1))
     return max(32, min(max(wanted, rays // 2), rays * 2, MAX_RAYS))
