@@ -8,6 +8,7 @@ python benchmarks/quality.py --data $MULAN_DATA/nerf_synthetic_lego --out runs/q
 python benchmarks/quality.py --data $MULAN_DATA/fox --image-size 135 --out runs/quality-fox
 """
 
+import math
 import statistics
 import time
 from dataclasses import dataclass, field, replace
@@ -18,6 +19,7 @@ import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+import numpy as np
 import torch
 import tyro
 
@@ -25,8 +27,10 @@ from mulan.evaluation.provenance import provenance
 from mulan.mission.blender import TRAIN, read_split
 from mulan.mission.image_sets import read_posed_images
 from mulan.mission.run_folder import write_json
+from mulan.radiance.config import FieldConfig
 from mulan.radiance.engine import RadianceEngine, RayBatch
 from mulan.radiance.native_engine import NativeEngine
+from mulan.radiance.space import SceneSpace
 from mulan.radiance.torch_engine import OptimiserConfig
 from mulan.reconstruction.captured_image import CapturedImage, load_captured
 from mulan.reconstruction.dataset import ImageTensors
@@ -86,6 +90,8 @@ class Idea:
     config: TrainConfig = field(default_factory=TrainConfig)
     average_decay: float | None = None
     """Score a running mean of the parameters over the second half, refreshed every 4 steps."""
+    fade_fine_levels: bool = False
+    """Weaken grid levels finer than a pixel seen from the median camera."""
     drawing: type[Drawing] = Drawing
     """How rays are drawn."""
 
@@ -110,6 +116,7 @@ IDEAS = (
     Idea("last rate 0.1", config=TrainConfig(final_learning_rate=0.1)),
     Idea("last rate 0.1, mean of weights", config=TrainConfig(final_learning_rate=0.1), average_decay=0.95),
     Idea("mean of weights", average_decay=0.95),
+    Idea("fine levels weakened by pixel size", fade_fine_levels=True),
 )
 
 
@@ -161,6 +168,8 @@ def run(photographs: Photographs, options: Options, idea: Idea, seed: int) -> di
     march = choose_march(options.image_size)
     engine = NativeEngine(sizes, march, space, not space.unbounded, seed, idea.optimiser)
     data, generator = ImageTensors(photographs.train), torch.Generator().manual_seed(seed + 1)
+    if idea.fade_fine_levels:
+        engine.set_level_weights(level_weights(photographs, sizes, space))
     drawing = idea.drawing(engine, data.drawable_pixels)
     antialiasing = Antialiasing.choose(idea.config.antialias_share, space.unbounded)
     config, rays, mean = replace(idea.config, steps=options.steps), 256, None
@@ -180,6 +189,21 @@ def run(photographs: Photographs, options: Options, idea: Idea, seed: int) -> di
         for i in range(len(photographs.validation))
     ]
     return {"psnr_db": statistics.mean(scores), "cpu_s": cpu_s}
+
+
+def level_weights(photographs: Photographs, sizes: FieldConfig, space: SceneSpace) -> torch.Tensor:
+    """Share of a cell that a pixel's Gaussian leaves, as Zip-NeRF weighs features (Barron et al. 2023).
+
+    One weight a level: lego's cameras stand at one distance, so a weight a sample would be much the same.
+    """
+    distances_m = [
+        float(np.linalg.norm(image.T_world_camera[:3, 3] - np.array(space.centre_m)))
+        for image in photographs.train
+    ]
+    pixel_m = statistics.median(distances_m) / photographs.train[0].camera.fx
+    sigma = pixel_m / math.sqrt(12) / (2 * space.radius_m * (2 if space.unbounded else 1))
+    cells = torch.tensor([float(sizes.level_resolution(level)) for level in range(sizes.levels)])
+    return torch.erf(1 / (math.sqrt(8) * sigma * cells))
 
 
 def running_mean(
