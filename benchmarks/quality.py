@@ -30,8 +30,8 @@ from mulan.mission.run_folder import write_json
 from mulan.radiance.config import FieldConfig
 from mulan.radiance.engine import RadianceEngine, RayBatch
 from mulan.radiance.native_engine import NativeEngine
+from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.radiance.space import SceneSpace
-from mulan.radiance.torch_engine import OptimiserConfig
 from mulan.reconstruction.captured_image import CapturedImage, load_captured
 from mulan.reconstruction.dataset import ImageTensors
 from mulan.reconstruction.field_choice import choose_field, choose_march

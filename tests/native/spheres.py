@@ -35,4 +35,4 @@ def batch_around(n: int, generator: torch.Generator, rays_a_pixel: int = 1) -> R
     if rays_a_pixel > 1:
         d = torch.nn.functional.normalize(d + 0.01 * torch.randn(n, 3, generator=generator), dim=-1)
     seen = colours_seen(o, d).view(-1, rays_a_pixel, 3).mean(1).repeat_interleave(rays_a_pixel, 0)
-    return RayBatch(o, d, seen, torch.ones(n), torch.zeros(n, dtype=torch.int64), rays_a_pixel)
+    return RayBatch(o, d, seen, torch.ones(n), torch.zeros(n, dtype=torch.int64), rays_a_pixel=rays_a_pixel)

@@ -17,6 +17,8 @@ class RayBatch:
         colours: Target colours in [0, 1], already over the background where the scene has one.
         weights: Trust in each ray; zero means the ray is ignored.
         image_index: Which image each ray came from.
+        opacity: Coverage of each ray's pixel by the object, where known; only learning before random
+            backgrounds needs it.
         rays_a_pixel: So many neighbouring rays (at most 16) sample one pixel, repeat its colour, weight and
             image: the loss compares the colour with their mean.
     """
@@ -26,6 +28,7 @@ class RayBatch:
     colours: Float[Tensor, "r 3"]
     weights: Float[Tensor, "r"]
     image_index: Int[Tensor, "r"]
+    opacity: Float[Tensor, "r"] | None = None
     rays_a_pixel: int = 1
 
 

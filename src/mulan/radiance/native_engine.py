@@ -12,19 +12,21 @@ from mulan.radiance.engine import RadianceEngine, RayBatch, RaySamples, Renderin
 from mulan.radiance.kernels.native_buffers import address, native_field, native_scene
 from mulan.radiance.kernels.native_grid import NativeGrid, NativeGridConfig
 from mulan.radiance.kernels.native_library import NativeLibrary, check, find_native_library
+from mulan.radiance.kernels.native_objective import native_objective
 from mulan.radiance.kernels.native_structures import (
     NativeAdam,
     NativeGradients,
     NativeObjective,
     NativeParameters,
+    NativePoses,
     NativeRays,
     NativeRendering,
     NativeStepReport,
 )
 from mulan.radiance.networks import RadianceField
-from mulan.radiance.ray_gradients import RayGradients
+from mulan.radiance.optimiser_config import OptimiserConfig
+from mulan.radiance.ray_gradients import RayGradients, native_poses
 from mulan.radiance.space import SceneSpace
-from mulan.radiance.torch_engine import OptimiserConfig
 
 # Networks in the order in which the library keeps them, one after another.
 NETWORKS = (
@@ -108,6 +110,11 @@ class NativeEngine(RadianceEngine):
         self._grid = NativeGrid(march, self.native_config.occupancy, self._c)
         self._steps = 0
 
+    @property
+    def occupied_share(self) -> float:
+        """Share of the occupancy cells in use that rays are sampled in."""
+        return self._grid.occupied_share
+
     def set_level_weights(self, weights: Float[Tensor, "levels"]) -> None:
         """Scale each level's features (coarse-to-fine); a level of weight 0 neither acts nor learns."""
         if len(weights) != self.field_config.levels or not bool(torch.isfinite(weights).all()):
@@ -116,7 +123,7 @@ class NativeEngine(RadianceEngine):
 
     def train_step(self, batch: RayBatch, learning_rate_factor: float) -> StepReport:
         """One optimiser step; see :class:`RadianceEngine`."""
-        return self._train(batch, learning_rate_factor, None)
+        return self._train(batch, learning_rate_factor)
 
     def train_step_with_ray_gradients(
         self, batch: RayBatch, learning_rate_factor: float
@@ -124,6 +131,26 @@ class NativeEngine(RadianceEngine):
         """One optimiser step, and the gradient of its loss to the rays as it was before the step."""
         gradients = RayGradients(torch.zeros_like(batch.origins), torch.zeros_like(batch.directions))
         return self._train(batch, learning_rate_factor, gradients), gradients
+
+    def train_step_with_pose_gradients(
+        self, batch: RayBatch, learning_rate_factor: float, R_world_camera: Float[Tensor, "images 3 3"]
+    ) -> tuple[StepReport, Float[Tensor, "images 6"]]:
+        """One optimiser step, and the gradient of its loss, before the step, to each image's camera pose.
+
+        Args:
+            batch: Rays, of images numbered as the rotations are.
+            learning_rate_factor: Scales the base learning rates.
+            R_world_camera: Rotations of the cameras the rays start from.
+
+        Returns:
+            What the step did, and the gradient to a right perturbation (rotation rad, translation m), summed
+            in the order of the rays.
+
+        Raises:
+            ValueError: A ray's image has no rotation; nothing was changed.
+        """
+        poses, out, _keep = native_poses(batch.image_index, R_world_camera)
+        return self._train(batch, learning_rate_factor, poses=poses), out
 
     def ray_gradients(
         self,
@@ -231,17 +258,16 @@ class NativeEngine(RadianceEngine):
         self._grid.restore(state["occupancy.opacity"], state["occupancy.occupied"], refreshes)
         self._generator.set_state(state["generator"])
 
-    def _train(self, batch: RayBatch, factor: float, gradients: RayGradients | None) -> StepReport:
+    def _train(
+        self,
+        batch: RayBatch,
+        factor: float,
+        gradients: RayGradients | None = None,
+        poses: NativePoses | None = None,
+    ) -> StepReport:
         rays, _keep = self._rays(batch.origins, batch.directions, self._new_seed())
-        colours, weights = batch.colours.contiguous(), batch.weights.contiguous()
         optimiser, config = self.optimiser_config, self.native_config
-        objective = NativeObjective(
-            colours=address(colours, (rays.count, 3)),
-            weights=address(weights, (rays.count,)),
-            huber_delta=optimiser.huber_delta or 0.0,
-            variance_weight=1.0,
-            rays_a_pixel=batch.rays_a_pixel,
-        )
+        objective, _kept = native_objective(batch, optimiser, self._scene, self._generator)
         adam = NativeAdam(
             *(address(m) for m in (*self._table_moments, *self._network_moments)),
             optimiser.table_learning_rate * factor,
@@ -263,6 +289,7 @@ class NativeEngine(RadianceEngine):
                 objective,
                 adam,
                 *ray_gradients,
+                poses,
                 report,
             )
         )

@@ -1,40 +1,27 @@
 """The radiance field in plain torch: the readable reference and the fallback on any machine."""
 
-from dataclasses import dataclass
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from mulan.radiance.background import random_background
 from mulan.radiance.config import FieldConfig, MarchConfig
 from mulan.radiance.engine import RadianceEngine, RayBatch, RaySamples, Rendering, StepReport
+from mulan.radiance.kernels.composite import Composite
+from mulan.radiance.kernels.distortion import distortion
+from mulan.radiance.kernels.march import fraction_of_ray, step_count
+from mulan.radiance.loss import (
+    RENDERED_VARIANCE_FLOOR,
+    gaussian_likelihood,
+    opacity_entropy,
+)
 from mulan.radiance.networks import RadianceField
 from mulan.radiance.occupancy import OccupancyGrid
+from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.radiance.rendering import FieldSamples, evaluate_rays
 from mulan.radiance.space import SceneSpace
 
-RENDERED_VARIANCE_FLOOR = 1e-4
 EXPLORING_SHARE = 0.1  # rays that learn from thin samples too, or nothing could ever grow out of empty space
-
-
-@dataclass(frozen=True)
-class OptimiserConfig:
-    """How the field learns."""
-
-    table_learning_rate: float = 2e-2
-    """Adam's step for the hash table."""
-    network_learning_rate: float = 1e-2
-    """Adam's step for the networks."""
-    beta1: float = 0.9
-    """Adam's memory of the gradient."""
-    beta2: float = 0.95
-    """Adam's memory of its square; a grid entry meets few rays, so a long memory lags behind."""
-    epsilon: float = 1e-15
-    """Adam's floor under the root of the square."""
-    huber_delta: float | None = None
-    """Colour errors above this count linearly instead of squared; None = squared throughout."""
-    occupancy_every: int = 16
-    """Steps between refreshes of the occupancy grid."""
 
 
 class TorchEngine(RadianceEngine):
@@ -67,6 +54,7 @@ class TorchEngine(RadianceEngine):
         self._generator = torch.Generator().manual_seed(seed)
         self.field = RadianceField(field, self._generator)
         self._occupancy = OccupancyGrid(march, space)
+        self._background = torch.full((3,), float(white_background))
         self._steps = 0
         networks = [p for name, p in self.field.named_parameters() if name != "table"]
         self._adam = torch.optim.Adam(
@@ -83,29 +71,67 @@ class TorchEngine(RadianceEngine):
 
     def train_step(self, batch: RayBatch, learning_rate_factor: float) -> StepReport:
         """One optimiser step; see :class:`RadianceEngine`."""
+        return self._train(batch, batch.origins, batch.directions, learning_rate_factor)
+
+    def train_step_with_pose_gradients(
+        self, batch: RayBatch, learning_rate_factor: float, R_world_camera: Float[Tensor, "images 3 3"]
+    ) -> tuple[StepReport, Float[Tensor, "images 6"]]:
+        """One optimiser step, and the gradient of its loss, before the step, to each image's camera pose.
+
+        Args:
+            batch: Rays, of images numbered as the rotations are.
+            learning_rate_factor: Scales the base learning rates.
+            R_world_camera: Rotations of the cameras the rays start from.
+
+        Returns:
+            What the step did, and the gradient to a right perturbation (rotation rad, translation m).
+        """
+        perturbation = R_world_camera.new_zeros(len(R_world_camera), 6).requires_grad_()
+        turn, shift = (R_world_camera @ perturbation.view(-1, 2, 3, 1)[:, i] for i in (0, 1))
+        origins = batch.origins + shift[batch.image_index, :, 0]
+        turned = torch.cross(turn[batch.image_index, :, 0], batch.directions, dim=-1)
+        report = self._train(batch, origins, batch.directions + turned, learning_rate_factor)
+        gradient = perturbation.grad
+        return report, torch.zeros_like(perturbation) if gradient is None else gradient
+
+    def _train(
+        self, batch: RayBatch, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"], factor: float
+    ) -> StepReport:
+        config = self.optimiser_config
         a_pixel = batch.rays_a_pixel
-        used = (batch.weights[::a_pixel].repeat_interleave(a_pixel) > 0).nonzero()[:, 0]
-        origins, directions = batch.origins[used], batch.directions[used]
-        target, weights = batch.colours[used[::a_pixel]], batch.weights[used[::a_pixel]]
+        pixels = (batch.weights[::a_pixel] > 0).nonzero()[:, 0]
+        used = (pixels[:, None] * a_pixel + torch.arange(a_pixel)).flatten()
+        origins, directions = origins[used], directions[used]
+        target, weights = batch.colours[::a_pixel][pixels], batch.weights[::a_pixel][pixels]
+        background = self._background
+        if config.random_background:
+            background, target = random_background(
+                target,
+                batch.opacity if batch.opacity is None else batch.opacity[::a_pixel][pixels],
+                background,
+                self._generator,
+            )
         jitter = torch.rand(len(used), generator=self._generator)
-        samples = self._evaluate(origins, directions, jitter, EXPLORING_SHARE)
+        samples = self._evaluate(origins, directions, jitter, learning=True)
         rendered = samples.composite(len(used))
-        colour = self._over_background(rendered.colour, rendered.opacity)
-        error = colour.view(-1, a_pixel, 3).mean(1) - target
+        seen = over_pixel(rendered.colour, a_pixel)
+        error = seen + (1 - over_pixel(rendered.opacity, a_pixel))[:, None] * background - target
         squared = error.square().mean(-1)
         share = weights / weights.sum().clamp_min(1e-12)
-        loss = (share * self._penalty(error)).sum()
-        # Heteroscedastic log-likelihood; blend and residual are detached so that it trains the head only.
-        variance = _rendered_variance(samples, len(used)).view(-1, a_pixel).mean(1) + RENDERED_VARIANCE_FLOOR
-        likelihood = (share * 0.5 * (squared.detach() / variance + variance.log())).sum()
+        loss = (share * self._cost(samples, rendered, error, a_pixel)).sum()
+        objective = loss
+        if not config.loss.teaches_variance:
+            # blend and residual are detached so that this likelihood trains the head only
+            variance = over_pixel(_rendered_variance(samples, len(used)), a_pixel) + RENDERED_VARIANCE_FLOOR
+            objective = loss + (share * gaussian_likelihood(squared.detach(), variance)).sum()
         self._adam.zero_grad(set_to_none=True)
-        (loss + likelihood).backward()
-        rates = (self.optimiser_config.table_learning_rate, self.optimiser_config.network_learning_rate)
+        objective.backward()
+        rates = (config.table_learning_rate, config.network_learning_rate)
         for group, rate in zip(self._adam.param_groups, rates, strict=True):
-            group["lr"] = rate * learning_rate_factor
+            group["lr"] = rate * factor
         self._adam.step()
         self._steps += 1
-        if self._steps % self.optimiser_config.occupancy_every == 0:
+        if self._steps % config.occupancy_every == 0:
             self._refresh_occupancy()
         mean_squared = float(squared.detach().mean()) if len(used) else 0.0
         return StepReport(loss=float(loss.detach()), mean_squared_error=mean_squared, samples=samples.marched)
@@ -121,7 +147,8 @@ class TorchEngine(RadianceEngine):
             o = origins[start : start + self._rays_at_once]
             samples = self._evaluate(o, directions[start : start + len(o)], torch.full((len(o),), 0.5))
             c = samples.composite(len(o))
-            parts.append((self._over_background(c.colour, c.opacity), c.distance_m, c.opacity, c.variance))
+            colour = c.colour + (1 - c.opacity)[:, None] * self._background
+            parts.append((colour, c.distance_m, c.opacity, c.variance))
         if not parts:
             empty = origins.new_zeros(0)
             return Rendering(origins.new_zeros(0, 3), empty, empty, empty)
@@ -181,25 +208,34 @@ class TorchEngine(RadianceEngine):
         return max(1, 2**20 // self.march_config.steps)
 
     def _evaluate(
-        self, origins: Tensor, directions: Tensor, jitter: Tensor, exploring_share: float = 0.0
+        self, origins: Tensor, directions: Tensor, jitter: Tensor, learning: bool = False
     ) -> FieldSamples:
         march, occupied = self.march_config, self._occupancy.occupied
         least = None
         if self.space.unbounded and self._occupancy.is_warm:
             least = torch.full((len(origins),), march.least_opacity)
-            if exploring_share > 0:
-                least[torch.rand(len(origins), generator=self._generator) < exploring_share] = 0.0
-        return evaluate_rays(self.field, self.space, march, occupied, origins, directions, jitter, least)
+            if learning:
+                least[torch.rand(len(origins), generator=self._generator) < EXPLORING_SHARE] = 0.0
+        teaches = learning and self.optimiser_config.loss.teaches_variance
+        return evaluate_rays(
+            self.field, self.space, march, occupied, origins, directions, jitter, least, teaches
+        )
 
-    def _over_background(self, colour: Tensor, opacity: Tensor) -> Tensor:
-        return colour + (1 - opacity)[:, None] if self.white_background else colour
-
-    def _penalty(self, error: Float[Tensor, "r 3"]) -> Float[Tensor, "r"]:
-        delta = self.optimiser_config.huber_delta
-        if delta is None:
-            return error.square().mean(-1)
-        size = error.abs()
-        return torch.where(size <= delta, size.square(), delta * (2 * size - delta)).mean(-1)
+    def _cost(
+        self, samples: FieldSamples, rendered: Composite, error: Float[Tensor, "p 3"], rays_a_pixel: int
+    ) -> Float[Tensor, "p"]:
+        config = self.optimiser_config
+        cost = config.loss(error, over_pixel(rendered.variance, rays_a_pixel) + RENDERED_VARIANCE_FLOOR)
+        if config.distortion_weight > 0:
+            march = self.march_config
+            place = fraction_of_ray(samples.distance_m, march, self.space)
+            scatter = distortion(
+                samples.blend, samples.ray_index, place, 1 / step_count(march), len(rendered.opacity)
+            )
+            cost = cost + config.distortion_weight * over_pixel(scatter, rays_a_pixel)
+        if config.entropy_weight > 0:
+            cost = cost + config.entropy_weight * over_pixel(opacity_entropy(rendered.opacity), rays_a_pixel)
+        return cost
 
     def _density_unit(self, unit: Float[Tensor, "n 3"]) -> Float[Tensor, "n"]:
         parts = [self.field.geometry(chunk)[0] for chunk in unit.split(2**17)]
@@ -212,6 +248,12 @@ class TorchEngine(RadianceEngine):
         self._occupancy.refresh(cells, unit, self._density_unit(unit))
 
 
+def over_pixel(of_rays: Float[Tensor, "r *k"], rays_a_pixel: int) -> Float[Tensor, "p *k"]:
+    """Mean over each pixel's neighbouring rays."""
+    return of_rays.view(-1, rays_a_pixel, *of_rays.shape[1:]).mean(1)
+
+
 def _rendered_variance(samples: FieldSamples, rays: int) -> Float[Tensor, "r"]:
     blend = samples.blend.detach()
-    return torch.zeros(rays).index_add(0, samples.ray_index, blend.square() * samples.variance)
+    zero = torch.zeros(rays, dtype=blend.dtype)
+    return zero.index_add(0, samples.ray_index, blend.square() * samples.variance)

@@ -9,9 +9,9 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from mulan.geometry.camera import PinholeCamera
-from mulan.radiance.engine import RadianceEngine, RayBatch, Rendering
+from mulan.radiance.engine import RayBatch, Rendering
 from mulan.reconstruction.captured_image import CapturedImage
-from mulan.reconstruction.sub_pixels import random_diagonals, render_pixels, spread_directions
+from mulan.reconstruction.sub_pixels import Renders, random_diagonals, render_pixels, spread_directions
 
 
 class ImageTensors:
@@ -42,6 +42,13 @@ class ImageTensors:
         self._image_of_pixel = torch.repeat_interleave(torch.arange(len(counts)), counts).to(torch.int32)
         self._colour = torch.from_numpy(
             np.concatenate([image.colour.reshape(-1, 3) for image in self.images])
+        )
+        coverage = [image.alpha for image in self.images if image.alpha is not None]
+        # random backgrounds need it of every pixel
+        self._opacity = (
+            torch.from_numpy(np.concatenate([alpha.reshape(-1) for alpha in coverage]))
+            if len(coverage) == len(self.images)
+            else None
         )
         maps = weight_maps or [torch.ones(h, w) for h, w in sizes]
         self.weights = torch.cat([m.reshape(-1).float() for m in maps])
@@ -87,6 +94,7 @@ class ImageTensors:
             colours=one.colours.repeat_interleave(2, 0),
             weights=one.weights.repeat_interleave(2),
             image_index=one.image_index.repeat_interleave(2),
+            opacity=None if one.opacity is None else one.opacity.repeat_interleave(2),
             rays_a_pixel=2,
         )
 
@@ -102,13 +110,14 @@ class ImageTensors:
             colours=self._colour[pixel].float() / 255,
             weights=self.weights[pixel],
             image_index=image,
+            opacity=None if self._opacity is None else self._opacity[pixel].float() / 255,
         )
 
     def image_rays(self, image: int) -> RayBatch:
         """Every ray of one image, row by row."""
         return self.rays(torch.arange(int(self._first_pixel[image]), int(self._first_pixel[image + 1])))
 
-    def render(self, engine: RadianceEngine, image: int, sub_pixels: int = 1) -> Rendering:
+    def render(self, engine: Renders, image: int, sub_pixels: int = 1) -> Rendering:
         """What the field shows at one image's pose, row by row; see :func:`render_pixels`."""
         rays = self.image_rays(image)
         R, focal_px = self.T_world_camera[image, :3, :3], self._focal_px[image]

@@ -14,9 +14,10 @@ from mulan.mission.run_folder import RunFolder, write_atomically
 from mulan.radiance.engine import RadianceEngine, Rendering
 from mulan.reconstruction.captured_image import CapturedImage
 from mulan.reconstruction.dataset import ImageTensors
+from mulan.reconstruction.sub_pixels import Renders
 
 
-def psnr_db(engine: RadianceEngine, images: ImageTensors, index: int, sub_pixels: int = 1) -> float:
+def psnr_db(engine: Renders, images: ImageTensors, index: int, sub_pixels: int = 1) -> float:
     """Peak signal-to-noise ratio of one rendered view against its photograph (colours in [0, 1])."""
     return _psnr_db(images.render(engine, index, sub_pixels).colour, images.image_rays(index).colours)
 

@@ -5,15 +5,25 @@ Barron et al. 2021, reaches the same end with cones).
 """
 
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional
 
-from mulan.radiance.engine import RadianceEngine, Rendering
+from mulan.radiance.engine import Rendering
 
 ANTIALIAS_SHARE = 0.3  # of a training; longer gains nothing more and learns from fewer pixels
+
+
+@runtime_checkable
+class Renders(Protocol):
+    """Anything that renders rays."""
+
+    def render(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> Rendering:
+        """Colour, depth, opacity and colour variance along rays."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -80,7 +90,7 @@ def spread_directions(
 
 
 def render_pixels(
-    engine: RadianceEngine,
+    engine: Renders,
     origins: Float[Tensor, "r 3"],
     directions: Float[Tensor, "r 3"],
     R_world_camera: Float[Tensor, "r 3 3"],

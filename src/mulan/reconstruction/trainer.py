@@ -12,10 +12,11 @@ from mulan.errors import InputError
 from mulan.mission.posed_images import PosedImageSet
 from mulan.mission.run_folder import RunFolder, write_json
 from mulan.radiance.engine import RadianceEngine
+from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.reconstruction.captured_image import CapturedImage, load_captured
 from mulan.reconstruction.checkpoint import Progress, read_checkpoint, write_checkpoint
 from mulan.reconstruction.dataset import ImageTensors
-from mulan.reconstruction.field_choice import choose_field, choose_march
+from mulan.reconstruction.field_choice import choose_field, choose_march, choose_optimiser
 from mulan.reconstruction.field_file import FieldDescription, save_field
 from mulan.reconstruction.held_out import psnr_db
 from mulan.reconstruction.scene_space import choose_space
@@ -38,6 +39,7 @@ class TrainingStatus:
         steps, seconds: Optimiser steps and seconds of learning.
         samples: Field evaluations so far.
         train_psnr_db: Of recent batches.
+        engine: The field as it stands; to look at, off the training clock.
     """
 
     fraction_done: float
@@ -45,6 +47,7 @@ class TrainingStatus:
     seconds: float
     samples: int
     train_psnr_db: float
+    engine: RadianceEngine
 
 
 @dataclass(frozen=True)
@@ -96,14 +99,15 @@ def train(
     test = load_captured(images.test, config.image_size)
     space = choose_space(captured)
     field = config.field or choose_field(config.image_size, len(captured), space.unbounded)
-    march = choose_march(config.image_size)
     antialiasing = Antialiasing.choose(config.antialias_share, space.unbounded)
+    march = choose_march(config.image_size, space.unbounded)
     description = FieldDescription(field, march, space, not space.unbounded, antialiasing.sub_pixels)
     data = ImageTensors(captured, weighting.weight_maps(captured, space))
     if not data.drawable_pixels:
         raise InputError(images.source, "weights", "are zero everywhere", "use weights that keep some images")
-    engine = description.new_engine(config.seed)
-    identity = _identity(config, weighting, description, data)
+    optimiser = choose_optimiser(space.unbounded)
+    engine = description.new_engine(config.seed, optimiser)
+    identity = _identity(config, weighting, description, optimiser, data)
     loop = _Loop(config, antialiasing, engine, data, test, run, identity)
     loop.run_to_end(progress)
     state = loop.state
@@ -186,7 +190,9 @@ class _Loop:
     def _status(self) -> TrainingStatus:
         s = self.state
         done = self._config.fraction_done(s.steps, s.seconds)
-        return TrainingStatus(done, s.steps, s.seconds, s.samples, _decibel(s.mean_squared_error))
+        return TrainingStatus(
+            done, s.steps, s.seconds, s.samples, _decibel(s.mean_squared_error), self._engine
+        )
 
     def _add_to_history(self) -> None:
         views, s = self._curve_views, self.state
@@ -207,7 +213,7 @@ def _check(images: PosedImageSet, config: TrainConfig) -> None:
     if not images.train:
         raise InputError(images.source, "photographs", "there is none to learn from", "give at least one")
     for option, value in (
-        ("--time-budget-s", config.time_budget_s),
+        ("--time-budget", config.time_budget_s),
         ("--image-size", config.image_size),
         ("--batch-samples", config.batch_samples),
         ("--steps", 1 if config.steps is None else config.steps),
@@ -220,7 +226,11 @@ def _check(images: PosedImageSet, config: TrainConfig) -> None:
 
 
 def _identity(
-    config: TrainConfig, weighting: Weighting, description: FieldDescription, data: ImageTensors
+    config: TrainConfig,
+    weighting: Weighting,
+    description: FieldDescription,
+    optimiser: OptimiserConfig,
+    data: ImageTensors,
 ) -> dict[str, Any]:
     """What must be the same for a training to be resumed; how often it reports may change."""
     options = asdict(config)
@@ -230,6 +240,7 @@ def _identity(
         **options,
         "weighting": f"{weighting}",
         "description": description.to_json(),
+        "optimiser": f"{optimiser}",
         "images": data.fingerprint(),
     }
 

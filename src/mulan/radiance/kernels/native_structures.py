@@ -38,6 +38,7 @@ class NativeScene(ctypes.Structure):
         ("unbounded", c_int32),
         ("steps", c_int32),
         ("occupancy_resolution", c_int32),
+        ("cascades", c_int32),
     )
 
 
@@ -77,9 +78,24 @@ class NativeObjective(ctypes.Structure):
         ("colours", c_void_p),
         ("weights", c_void_p),
         ("colour_gradient", c_void_p),
+        ("backgrounds", c_void_p),
         ("huber_delta", c_float),
         ("variance_weight", c_float),
+        ("likelihood", c_int32),
+        ("distortion_weight", c_float),
+        ("entropy_weight", c_float),
         ("rays_a_pixel", c_int32),
+    )
+
+
+class NativePoses(ctypes.Structure):
+    """MulanPoses: where the gradient to camera poses goes."""
+
+    _fields_ = (
+        ("images", c_int64),
+        ("image_index", c_void_p),
+        ("R_world_camera", c_void_p),
+        ("gradient", c_void_p),
     )
 
 
