@@ -165,7 +165,7 @@ def run(photographs: Photographs, options: Options, idea: Idea, seed: int) -> di
     """Train once; PSNR of the validation views and CPU seconds of the training."""
     space = choose_space(photographs.train)
     sizes = choose_field(options.image_size, len(photographs.train), space.unbounded)
-    march = choose_march(options.image_size)
+    march = choose_march(options.image_size, space.unbounded)
     engine = NativeEngine(sizes, march, space, not space.unbounded, seed, idea.optimiser)
     data, generator = ImageTensors(photographs.train), torch.Generator().manual_seed(seed + 1)
     if idea.fade_fine_levels:
@@ -178,7 +178,7 @@ def run(photographs: Photographs, options: Options, idea: Idea, seed: int) -> di
         done = config.fraction_done(step, 0)
         batch = drawing.batch(data, rays, antialiasing.began(done), generator)
         report = engine.train_step(batch, config.learning_rate_factor(done))
-        rays = next_rays(rays, report.samples, config.batch_samples)
+        rays = next_rays(rays, report.samples, config.samples_a_batch(on_gpu=False))
         if idea.average_decay is not None and step % 4 == 3 and done >= 0.5:
             mean = running_mean(mean, engine.state(), idea.average_decay)
     cpu_s = time.process_time() - began

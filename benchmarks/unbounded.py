@@ -22,11 +22,11 @@ from mulan.evaluation.provenance import provenance
 from mulan.mission.image_sets import read_posed_images
 from mulan.mission.run_folder import write_json
 from mulan.radiance.kernels.native_grid import NativeGridConfig
+from mulan.radiance.loss import GaussianLikelihoodLoss, HuberLoss
 from mulan.radiance.native_engine import NativeConfig, NativeEngine
-from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.reconstruction.captured_image import CapturedImage, load_captured
 from mulan.reconstruction.dataset import ImageTensors
-from mulan.reconstruction.field_choice import choose_field, choose_march
+from mulan.reconstruction.field_choice import choose_field, choose_march, choose_optimiser
 from mulan.reconstruction.held_out import psnr_db
 from mulan.reconstruction.scene_space import choose_space
 from mulan.reconstruction.train_config import TrainConfig
@@ -64,8 +64,32 @@ class Variant:
     optimiser: dict[str, Any] = field(default_factory=dict)
 
 
+def thinnest(opacity: float) -> Variant:
+    return Variant(march={"least_opacity": opacity, "occupancy_threshold": opacity})
+
+
+def distortion(weight: float) -> Variant:
+    return Variant(optimiser={"distortion_weight": weight})
+
+
 VARIANTS = {
     "as chosen": Variant(),
+    "before": Variant(
+        march={"least_opacity": 0.03, "occupancy_threshold": 0.01, "min_transmittance": 1e-4},
+        optimiser={"distortion_weight": 0.0},
+    ),
+    "distortion 0": distortion(0.0),
+    "distortion 0.01": distortion(0.01),
+    "distortion 0.1": distortion(0.1),
+    "tails to 1e-4": Variant(march={"min_transmittance": 1e-4}),
+    "thinnest sample 0.01": thinnest(0.01),
+    "thinnest sample 0.03": thinnest(0.03),
+    "thinnest sample 0.1": thinnest(0.1),
+    "two cascades": Variant(march={"cascades": 2}),
+    "opacity entropy 0.001": Variant(optimiser={"entropy_weight": 1e-3}),
+    "Huber 0.1": Variant(optimiser={"loss": HuberLoss(0.1)}),
+    "likelihood": Variant(optimiser={"loss": GaussianLikelihoodLoss()}),
+    "occupancy decay 0.8": Variant(grid={"decay": 0.8}),
 }
 
 
@@ -91,7 +115,7 @@ def run(variant: Variant, split: Split, size: int, budget_cpu_s: float, seed: in
         space,
         white_background=not space.unbounded,
         seed=seed,
-        optimiser=OptimiserConfig(**variant.optimiser),
+        optimiser=replace(choose_optimiser(space.unbounded), **variant.optimiser),
         native=NativeConfig(threads=threads, occupancy=NativeGridConfig(**variant.grid)),
     )
     data, validation = ImageTensors(split.train), ImageTensors(split.validation)
@@ -102,7 +126,7 @@ def run(variant: Variant, split: Split, size: int, budget_cpu_s: float, seed: in
         factor = config.learning_rate_factor(spent_s / budget_cpu_s)
         report = engine.train_step(data.sample(rays, sampler), factor)
         all_rays += rays
-        rays = next_rays(rays, report.samples, config.batch_samples)
+        rays = next_rays(rays, report.samples, config.samples_a_batch(on_gpu=False))
         steps, samples = steps + 1, samples + report.samples
         spent_s += time.process_time() - began
     psnr = [psnr_db(engine, validation, i) for i in range(len(validation))]

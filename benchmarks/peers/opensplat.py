@@ -82,10 +82,26 @@ def _now_s(pid: int, options: argparse.Namespace) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK") / options.threads
 
 
-def _score(splats: Splats, scene: Scene, views: list[View], as_program: float | None) -> float:
-    white = (1.0, 1.0, 1.0)
-    images = [render(splats, scene.camera, v.T_world_camera, white, as_program=as_program) for v in views]
-    return float(np.mean([psnr_db(image, v.over_white) for image, v in zip(images, views, strict=True)]))
+def score(splats: Splats, scene: Scene, views: list[View], unit: float) -> float:
+    """Mean PSNR over the views [dB]: over white or the program's own colour, by depth or in its own order.
+
+    The best of the four counts, so that nothing of the harness speaks against the peer.
+
+    Args:
+        splats: Saved Gaussians.
+        scene: Its camera.
+        views: Photographs to score on.
+        unit: Length the program scales the scene to.
+    """
+
+    def mean_psnr_db(background: tuple[float, float, float], as_program: float | None) -> float:
+        pairs = [
+            (render(splats, scene.camera, v.T_world_camera, background, as_program=as_program), v)
+            for v in views
+        ]
+        return float(np.mean([psnr_db(image, v.over(background)) for image, v in pairs]))
+
+    return max(mean_psnr_db(b, order) for b in ((1.0, 1.0, 1.0), BACKGROUND) for order in (None, unit))
 
 
 def main() -> None:
@@ -117,7 +133,7 @@ def main() -> None:
         saved = sorted(folder.glob("out_*.ply"), key=lambda path: int(path.stem[4:]))
         for path in [path for path in saved if int(path.stem[4:]) <= len(at_s)]:
             splats = read_ply(path)
-            psnr = max(_score(splats, scene, views, as_program=order) for order in (None, unit))
+            psnr = score(splats, scene, views, unit)
             seconds = at_s[int(path.stem[4:]) - 1]
             result.psnr_curve.append((round(seconds, 3), round(psnr, 3)))
             print(f"OpenSplat: {seconds:.1f} s, {path.stem[4:]} steps, {psnr:.2f} dB", flush=True)
@@ -126,8 +142,7 @@ def main() -> None:
         "steps": len(at_s),
         "s_per_step": at_s[-1] / len(at_s),
         "settings": f"defaults but --num-downscales 0, -n {given.iterations}, {given.points} random points",
-        "order": "the better of blending by depth and in the program's own order",
-        "background": "trained over its own fixed colour, scored over white",
+        "psnr": "best of four: over white or the fixed colour it trains over, by depth or in its own order",
     }
     result.finish(given.out)
 

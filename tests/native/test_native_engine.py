@@ -127,7 +127,8 @@ def test_large_batches_are_learnt_in_waves_without_loss(library: NativeLibrary) 
     engines = [NativeEngine(FIELD, march, BOX, True, seed=3, library=library) for _ in range(2)]
     report = engines[0].train_step(batch, 1.0)
     assert report.samples > 2**18
-    twice = RayBatch(*(torch.cat([x, x]) for x in (o, d, batch.colours, ones, index)))
+    rays, doubled_ones = torch.cat([o, o]), torch.ones(18000)
+    twice = RayBatch(rays, torch.cat([d, d]), batch.colours.repeat(2, 1), doubled_ones, index.repeat(2))
     doubled = engines[1].train_step(twice, 1.0)
     # the same rays twice: the same mean loss but for the jitter, twice the samples
     assert doubled.loss == pytest.approx(report.loss, rel=1e-2)

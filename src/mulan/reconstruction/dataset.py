@@ -66,6 +66,13 @@ class ImageTensors:
         """Number of images."""
         return len(self.images)
 
+    def move_to(self, device: torch.device) -> None:
+        """Keep the pixels, and so make the rays, on another device."""
+        for name in ("_image_of_pixel", "_colour", "weights", "T_world_camera", "_directions", "_drawable"):
+            setattr(self, name, getattr(self, name).to(device))
+        self._direction_shift, self._focal_px = self._direction_shift.to(device), self._focal_px.to(device)
+        self._opacity = None if self._opacity is None else self._opacity.to(device)
+
     @property
     def drawable_pixels(self) -> int:
         """Pixels of positive weight."""
@@ -75,18 +82,18 @@ class ImageTensors:
         """Short digest of colours, weights, poses and lenses: two sets that differ in any differ in it."""
         digest = hashlib.sha256()
         for tensor in (self._colour, self.weights, self.T_world_camera, self._directions):
-            digest.update(tensor.contiguous().numpy().tobytes())
+            digest.update(tensor.contiguous().cpu().numpy().tobytes())
         return digest.hexdigest()[:16]
 
     def sample(self, rays: int, generator: torch.Generator) -> RayBatch:
         """Pixels drawn uniformly, with replacement, among those of positive weight."""
-        pixel = torch.randint(len(self._drawable), (rays,), generator=generator)
+        pixel = torch.randint(len(self._drawable), (rays,), generator=generator).to(self._drawable.device)
         return self.rays(pixel if self._every_pixel_drawable else self._drawable[pixel])
 
     def sample_pairs(self, rays: int, generator: torch.Generator) -> RayBatch:
         """Half as many pixels as rays: each is two rays on one of its diagonals, judged by their mean."""
         one = self.sample(max(rays // 2, 1), generator)
-        offset_px = random_diagonals(len(one.weights), generator)
+        offset_px = random_diagonals(len(one.weights), generator).to(one.origins.device)
         R, focal_px = self.T_world_camera[one.image_index, :3, :3], self._focal_px[one.image_index]
         return RayBatch(
             origins=one.origins.repeat_interleave(2, 0),
@@ -115,7 +122,8 @@ class ImageTensors:
 
     def image_rays(self, image: int) -> RayBatch:
         """Every ray of one image, row by row."""
-        return self.rays(torch.arange(int(self._first_pixel[image]), int(self._first_pixel[image + 1])))
+        first, end = (int(self._first_pixel[i]) for i in (image, image + 1))
+        return self.rays(torch.arange(first, end, device=self._drawable.device))
 
     def render(self, engine: Renders, image: int, sub_pixels: int = 1) -> Rendering:
         """What the field shows at one image's pose, row by row; see :func:`render_pixels`."""

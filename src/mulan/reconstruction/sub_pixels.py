@@ -37,11 +37,14 @@ class Antialiasing:
     share: float
 
     @staticmethod
-    def choose(wanted: float | None, unbounded: bool) -> "Antialiasing":
-        """What was asked for, or what suits the scene: photographs of whole places gained nothing."""
+    def choose(wanted: float | None, unbounded: bool, on_gpu: bool = False) -> "Antialiasing":
+        """What was asked for, or what suits the scene: photographs of whole places gained nothing.
+
+        The GPU engine learns one ray a pixel only.
+        """
         if wanted is not None:
             return Antialiasing(wanted)
-        return Antialiasing(0.0 if unbounded else ANTIALIAS_SHARE)
+        return Antialiasing(0.0 if unbounded or on_gpu else ANTIALIAS_SHARE)
 
     def began(self, fraction_done: float) -> bool:
         """Whether pixels are several rays by now."""

@@ -4,9 +4,10 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
-from tyro.conf import arg
+from tyro.conf import EnumChoicesFromValues, arg
 
-from mulan.radiance.config import FieldConfig
+from mulan.radiance.backend import Device
+from mulan.radiance.config import FieldConfig, MarchConfig
 
 
 @dataclass(frozen=True)
@@ -19,8 +20,8 @@ class TrainConfig:
     """Seconds of learning (evaluation and files excluded), unless a number of steps is given."""
     steps: int | None = None
     """Optimiser steps; overrides the time budget and makes the result repeatable bit for bit."""
-    batch_samples: int = 16384
-    """Field evaluations a step; the number of rays adapts to it."""
+    batch_samples: int | None = None
+    """Field evaluations a step, to which the number of rays adapts; if not given 16384, on a GPU 262144."""
     final_learning_rate: float = 0.01
     """Learning rate at the end, as a fraction of the first (half a cosine between)."""
     antialias_share: float | None = None
@@ -33,8 +34,16 @@ class TrainConfig:
     """Seconds of learning between points of the training curve."""
     checkpoint_every_s: float = 10.0
     """Seconds of learning between checkpoints."""
+    device: EnumChoicesFromValues[Device] = Device.AUTO
+    """Where to compute; auto takes the GPU if there is one. Training goes on elsewhere if sizes are given."""
     field: FieldConfig | None = None
-    """Sizes of the field; chosen from image size and number of views if not given."""
+    """Sizes of the field; chosen from device, image size and number of views if not given."""
+    march: MarchConfig | None = None
+    """How rays are sampled; chosen from device and image size if not given."""
+
+    def samples_a_batch(self, on_gpu: bool) -> int:
+        """Field evaluations to aim at in a step."""
+        return self.batch_samples or (2**18 if on_gpu else 2**14)
 
     def fraction_done(self, steps: int, seconds: float) -> float:
         """Share of the training behind us, 1 when it is over."""

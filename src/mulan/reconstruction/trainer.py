@@ -24,7 +24,7 @@ from mulan.reconstruction.sub_pixels import Antialiasing
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.weights import Weighting
 
-MAX_RAYS = 16384
+MAX_RAYS = 16384  # with the CPU's batch
 CURVE_POINTS = 5  # at least, of a training with a time budget
 CURVE_VIEWS = 4  # test views behind each point of the training curve
 SMOOTHING = 0.95  # of the running mean squared error shown in the curve
@@ -40,6 +40,7 @@ class TrainingStatus:
         samples: Field evaluations so far.
         train_psnr_db: Of recent batches.
         engine: The field as it stands; to look at, off the training clock.
+        sub_pixels: Rays a side of a pixel that its pictures are made of by now.
     """
 
     fraction_done: float
@@ -48,6 +49,7 @@ class TrainingStatus:
     samples: int
     train_psnr_db: float
     engine: RadianceEngine
+    sub_pixels: int = 1
 
 
 @dataclass(frozen=True)
@@ -98,15 +100,18 @@ def train(
     captured = load_captured(images.train, config.image_size)
     test = load_captured(images.test, config.image_size)
     space = choose_space(captured)
-    field = config.field or choose_field(config.image_size, len(captured), space.unbounded)
-    antialiasing = Antialiasing.choose(config.antialias_share, space.unbounded)
-    march = choose_march(config.image_size, space.unbounded)
+    device = config.device.resolve()
+    on_gpu = device.type == "cuda"
+    field = config.field or choose_field(config.image_size, len(captured), space.unbounded, on_gpu)
+    march = config.march or choose_march(config.image_size, space.unbounded, on_gpu)
+    antialiasing = Antialiasing.choose(config.antialias_share, space.unbounded, on_gpu)
     description = FieldDescription(field, march, space, not space.unbounded, antialiasing.sub_pixels)
     data = ImageTensors(captured, weighting.weight_maps(captured, space))
     if not data.drawable_pixels:
         raise InputError(images.source, "weights", "are zero everywhere", "use weights that keep some images")
     optimiser = choose_optimiser(space.unbounded)
-    engine = description.new_engine(config.seed, optimiser)
+    engine = description.new_engine(config.seed, optimiser, device)
+    data.move_to(device)
     identity = _identity(config, weighting, description, optimiser, data)
     loop = _Loop(config, antialiasing, engine, data, test, run, identity)
     loop.run_to_end(progress)
@@ -132,6 +137,7 @@ class _Loop:
     ) -> None:
         self._config, self._engine, self._data, self._run = config, engine, data, run
         self._identity, self._antialiasing = identity, antialiasing
+        self._batch_samples = config.samples_a_batch(on_gpu=engine.device.type == "cuda")
         self._curve_views = ImageTensors(test[:: max(1, len(test) // CURVE_VIEWS)]) if test else None
         self._sampler = torch.Generator().manual_seed(config.seed + 1)
         self.state = Progress()
@@ -179,7 +185,7 @@ class _Loop:
         error = report.mean_squared_error
         if s.mean_squared_error is not None:
             error = SMOOTHING * s.mean_squared_error + (1 - SMOOTHING) * error
-        rays = next_rays(s.rays, report.samples, self._config.batch_samples)
+        rays = next_rays(s.rays, report.samples, self._batch_samples)
         samples = s.samples + report.samples
         self.state = Progress(s.steps + 1, seconds, rays, samples, report.loss, error, s.history)
 
@@ -187,17 +193,26 @@ class _Loop:
     def _pixels_are_pairs(self) -> bool:
         return self._antialiasing.began(self._config.fraction_done(self.state.steps, self.state.seconds))
 
+    @property
+    def _sub_pixels(self) -> int:
+        return self._antialiasing.sub_pixels if self._pixels_are_pairs else 1
+
     def _status(self) -> TrainingStatus:
         s = self.state
         done = self._config.fraction_done(s.steps, s.seconds)
         return TrainingStatus(
-            done, s.steps, s.seconds, s.samples, _decibel(s.mean_squared_error), self._engine
+            done,
+            s.steps,
+            s.seconds,
+            s.samples,
+            _decibel(s.mean_squared_error),
+            self._engine,
+            self._sub_pixels,
         )
 
     def _add_to_history(self) -> None:
         views, s = self._curve_views, self.state
-        sub_pixels = self._antialiasing.sub_pixels if self._pixels_are_pairs else 1
-        test = [psnr_db(self._engine, views, i, sub_pixels) for i in range(len(views))] if views else []
+        test = [psnr_db(self._engine, views, i, self._sub_pixels) for i in range(len(views))] if views else []
         point = {
             "seconds": round(s.seconds, 3),
             "steps": s.steps,
@@ -215,11 +230,14 @@ def _check(images: PosedImageSet, config: TrainConfig) -> None:
     for option, value in (
         ("--time-budget", config.time_budget_s),
         ("--image-size", config.image_size),
-        ("--batch-samples", config.batch_samples),
+        ("--batch-samples", 1 if config.batch_samples is None else config.batch_samples),
         ("--steps", 1 if config.steps is None else config.steps),
     ):
         if not (math.isfinite(value) and value > 0):
             raise InputError(option, "value", f"{value} is not a positive number", "give one above zero")
+    if config.antialias_share and config.device.resolve().type == "cuda":
+        problem = "needs the CPU engines; the GPU engine learns one ray a pixel"
+        raise InputError("--antialias-share", "value", problem, "give 0, or --device cpu")
     if config.antialias_share is not None and not 0 <= config.antialias_share <= 1:
         problem = f"{config.antialias_share} is no share"
         raise InputError("--antialias-share", "value", problem, "give one between 0 and 1")
@@ -234,7 +252,7 @@ def _identity(
 ) -> dict[str, Any]:
     """What must be the same for a training to be resumed; how often it reports may change."""
     options = asdict(config)
-    for name in ("evaluate_every_s", "checkpoint_every_s", "field"):
+    for name in ("evaluate_every_s", "checkpoint_every_s", "device", "field", "march"):
         del options[name]
     return {
         **options,
@@ -248,7 +266,7 @@ def _identity(
 def next_rays(rays: int, samples: int, target: int) -> int:
     """Rays that would have met the target, at most doubled or halved at a time."""
     wanted = int(rays * target / max(samples, 1))
-    return max(32, min(max(wanted, rays // 2), rays * 2, MAX_RAYS))
+    return max(32, min(max(wanted, rays // 2), rays * 2, max(MAX_RAYS, target // 2)))
 
 
 def _decibel(mean_squared_error: float | None) -> float:

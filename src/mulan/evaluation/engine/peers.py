@@ -32,7 +32,7 @@ class PeerConfig:
     """Python of the environment the peers are installed in; without it they are not run."""
     runners: Path = Path("benchmarks/peers")
     """Folder of the runner scripts."""
-    names: tuple[str, ...] = ("nerfacto", "tensorf")
+    names: tuple[str, ...] = ("nerfacto", "tensorf", "opensplat")
     """Which of them; options of a runner's own may follow its name."""
     budget_s: float = 300.0
     """Seconds of training on the object."""

@@ -1,4 +1,4 @@
-"""The whole benchmark of the engine: every part in turn, metrics.json and the picture after each."""
+"""The whole benchmark of the engine: part by part, metrics.json after each, the picture at the end."""
 
 import shlex
 from collections.abc import Callable, Sequence
@@ -88,15 +88,18 @@ class EngineBenchmark:
         kept = read_json(self._run.metrics, "mulan evaluate engine") if self._run.metrics.exists() else {}
         self.metrics = {"peers": {}, "measured": {}, **(kept if only else {})}
         self.metrics["provenance"] = provenance(self._config.seed)
-        for name in only or self.parts:
-            self._measures[name]()
+        try:
+            for name in only or self.parts:
+                self._measures[name]()
+        finally:
+            # also of a benchmark that was stopped
+            draw_curves(self.metrics, self._run.root / PICTURE)
         return self.metrics
 
     def _keep(self, part: str, found: dict[str, Any]) -> None:
         self.metrics |= found
         self.metrics["measured"][part] = provenance(self._config.seed)
         write_json(self._run.metrics, self.metrics)
-        draw_curves(self.metrics, self._run.root / PICTURE)
 
     def _keep_peer(self, part: str, name: str, scene: str, result: dict[str, Any]) -> None:
         peers = self.metrics["peers"]
