@@ -44,6 +44,7 @@ def run(library: NativeLibrary, workspace: int, rng: np.random.Generator, case: 
     objective = NativeObjective(at(colours), at(weights), None, at(behind), float(rng.choice([0, 0.1])), 1.0)
     objective.likelihood, objective.distortion_weight = int(rng.integers(2)), float(rng.choice([0, 0.1]))
     objective.entropy_weight = float(rng.choice([0, 0.1]))
+    objective.rays_a_pixel = int(rng.choice([k for k in (1, 2, 3, 16) if n % k == 0]))
     index, R = rng.integers(0, 4, n), rng.random((4, 3, 3), np.float32)
     to_poses = np.zeros((4, 6), np.float32)
     poses = NativePoses(4, at(index), at(R), at(to_poses))
@@ -51,7 +52,7 @@ def run(library: NativeLibrary, workspace: int, rng: np.random.Generator, case: 
     wanted = NativeGradients(*(at(x) for x in gradients))
     check(c.mulan_gradients(*context, parameters, rays, objective, wanted, rendering, report))
     only_rays = NativeGradients(None, None, at(gradients[2]), at(gradients[3]))
-    given = NativeObjective(colour_gradient=at(colours))
+    given = NativeObjective(colour_gradient=at(colours), rays_a_pixel=1)
     check(c.mulan_gradients(*context, parameters, rays, given, only_rays, None, report))
     moments = [np.zeros_like(x) for x in (case.table, case.table, case.networks, case.networks)]
     adam = NativeAdam(*(at(x) for x in moments), 1e-2, 1e-2, 0.9, 0.99, 1e-15, 1, int(rng.integers(2)))

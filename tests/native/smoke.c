@@ -59,7 +59,8 @@ static void run_scene(MulanWorkspace* w, int unbounded, int jitter) {
         weights[i] = i % 7 ? 1 : 0;
     }
     const MulanRays rays = {RAYS, o, d, 11, jitter};
-    const MulanObjective objective = {.colours = colours, .weights = weights, .huber_delta = 0.1f, .variance_weight = 1};
+    const MulanObjective objective = {.colours = colours, .weights = weights, .huber_delta = 0.1f, .variance_weight = 1,
+                                       .rays_a_pixel = 1};
     MulanAdam adam = {zeros(entries), zeros(entries), zeros(parameters), zeros(parameters),
                       1e-2f,          1e-2f,          0.9f,              0.99f,
                       1e-15f,         0,              1};

@@ -48,6 +48,7 @@ class Calls:
         floats, a = self._floats, self._floats(500_000)
         self.rays = NativeRays(self.n, at(o), at(d), 1, 1)
         self.objective = NativeObjective(a, a, None, a, 0.1, 1.0)
+        self.objective.rays_a_pixel = 1
         self.adam = NativeAdam(*(floats(200_000) for _ in range(4)), 1e-2, 1e-2, 0.9, 0.99, 1e-15, 1, 1)
         self.gradients = NativeGradients(*(floats(200_000) for _ in range(4)))
         self.rendering = NativeRendering(*(floats(1000) for _ in range(4)))
@@ -163,7 +164,14 @@ def test_a_missing_array_within_a_structure(calls: Calls) -> None:
         *(("occupancy_resolution", 6), ("occupancy_resolution", 516), ("growth", np.inf)),
         *(("min_transmittance", np.nan), ("count", -1), ("step", 0), ("beta1", np.nan)),
         *(("huber_delta", np.nan), ("variance_weight", np.inf)),
-        *(("distortion_weight", np.nan), ("entropy_weight", np.inf), ("cascades", 0), ("cascades", 9)),
+        *(
+            ("distortion_weight", np.nan),
+            ("entropy_weight", np.inf),
+            ("rays_a_pixel", 0),
+            ("rays_a_pixel", 17),
+            ("cascades", 0),
+            ("cascades", 9),
+        ),
     ],
 )
 def test_a_number_out_of_bounds(calls: Calls, member: str, value: float) -> None:

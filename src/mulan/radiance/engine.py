@@ -20,6 +20,8 @@ class RayBatch:
         image_index: Which image each ray came from.
         opacity: Coverage of each ray's pixel by the object, where known; only learning before random
             backgrounds needs it.
+        rays_a_pixel: So many neighbouring rays (at most 16) sample one pixel, repeat its colour, weight and
+            image: the loss compares the colour with their mean.
     """
 
     origins: Float[Tensor, "r 3"]
@@ -28,6 +30,7 @@ class RayBatch:
     weights: Float[Tensor, "r"]
     image_index: Int[Tensor, "r"]
     opacity: Float[Tensor, "r"] | None = None
+    rays_a_pixel: int = 1
 
 
 @dataclass(frozen=True)

@@ -165,7 +165,9 @@ class NativeEngine(RadianceEngine):
         rays, keep = self._rays(origins, directions)
         rendering, c_rendering = self._empty_rendering(len(origins))
         gradients = RayGradients(torch.zeros_like(keep[0]), torch.zeros_like(keep[1]))
-        objective = NativeObjective(colour_gradient=address(colour_gradient, (len(origins), 3)))
+        objective = NativeObjective(
+            colour_gradient=address(colour_gradient, (len(origins), 3)), rays_a_pixel=1
+        )
         out = NativeGradients(origins=address(gradients.origins), directions=address(gradients.directions))
         report = NativeStepReport()
         check(
@@ -273,7 +275,7 @@ class NativeEngine(RadianceEngine):
             *(address(m) for m in (*self._table_moments, *self._network_moments)),
             optimiser.table_learning_rate * factor,
             optimiser.network_learning_rate * factor,
-            *(0.9, 0.99, 1e-15),
+            *(optimiser.beta1, optimiser.beta2, optimiser.epsilon),
             self._steps + 1,
             not config.update_untouched,
         )

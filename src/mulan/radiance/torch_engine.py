@@ -60,8 +60,8 @@ class TorchEngine(RadianceEngine):
         networks = [p for name, p in self.field.named_parameters() if name != "table"]
         self._adam = torch.optim.Adam(
             [{"params": [self.field.table]}, {"params": networks}],
-            betas=(0.9, 0.99),
-            eps=1e-15,
+            betas=(self.optimiser_config.beta1, self.optimiser_config.beta2),
+            eps=self.optimiser_config.epsilon,
             fused=True,
         )
 
@@ -100,28 +100,31 @@ class TorchEngine(RadianceEngine):
     ) -> StepReport:
         check_finite_batch(batch)
         config = self.optimiser_config
-        used = (batch.weights > 0).nonzero()[:, 0]
+        a_pixel = batch.rays_a_pixel
+        pixels = (batch.weights[::a_pixel] > 0).nonzero()[:, 0]
+        used = (pixels[:, None] * a_pixel + torch.arange(a_pixel)).flatten()
         origins, directions = origins[used], directions[used]
-        target, weights = batch.colours[used], batch.weights[used]
+        target, weights = batch.colours[::a_pixel][pixels], batch.weights[::a_pixel][pixels]
         background = self._background
         if config.random_background:
             background, target = random_background(
                 target,
-                batch.opacity if batch.opacity is None else batch.opacity[used],
+                batch.opacity if batch.opacity is None else batch.opacity[::a_pixel][pixels],
                 background,
                 self._generator,
             )
         jitter = torch.rand(len(used), generator=self._generator)
         samples = self._evaluate(origins, directions, jitter, learning=True)
         rendered = samples.composite(len(used))
-        error = rendered.colour + (1 - rendered.opacity)[:, None] * background - target
+        seen = over_pixel(rendered.colour, a_pixel)
+        error = seen + (1 - over_pixel(rendered.opacity, a_pixel))[:, None] * background - target
         squared = error.square().mean(-1)
         share = weights / weights.sum().clamp_min(1e-12)
-        loss = (share * self._cost(samples, rendered, error)).sum()
+        loss = (share * self._cost(samples, rendered, error, a_pixel)).sum()
         objective = loss
         if not config.loss.teaches_variance:
             # blend and residual are detached so that this likelihood trains the head only
-            variance = _rendered_variance(samples, len(used)) + RENDERED_VARIANCE_FLOOR
+            variance = over_pixel(_rendered_variance(samples, len(used)), a_pixel) + RENDERED_VARIANCE_FLOOR
             objective = loss + (share * gaussian_likelihood(squared.detach(), variance)).sum()
         self._adam.zero_grad(set_to_none=True)
         objective.backward()
@@ -223,17 +226,19 @@ class TorchEngine(RadianceEngine):
         )
 
     def _cost(
-        self, samples: FieldSamples, rendered: Composite, error: Float[Tensor, "r 3"]
-    ) -> Float[Tensor, "r"]:
+        self, samples: FieldSamples, rendered: Composite, error: Float[Tensor, "p 3"], rays_a_pixel: int
+    ) -> Float[Tensor, "p"]:
         config = self.optimiser_config
-        cost = config.loss(error, rendered.variance + RENDERED_VARIANCE_FLOOR)
+        cost = config.loss(error, over_pixel(rendered.variance, rays_a_pixel) + RENDERED_VARIANCE_FLOOR)
         if config.distortion_weight > 0:
             march = self.march_config
             place = fraction_of_ray(samples.distance_m, march, self.space)
-            scatter = distortion(samples.blend, samples.ray_index, place, 1 / step_count(march), len(error))
-            cost = cost + config.distortion_weight * scatter
+            scatter = distortion(
+                samples.blend, samples.ray_index, place, 1 / step_count(march), len(rendered.opacity)
+            )
+            cost = cost + config.distortion_weight * over_pixel(scatter, rays_a_pixel)
         if config.entropy_weight > 0:
-            cost = cost + config.entropy_weight * opacity_entropy(rendered.opacity)
+            cost = cost + config.entropy_weight * over_pixel(opacity_entropy(rendered.opacity), rays_a_pixel)
         return cost
 
     def _density_unit(self, unit: Float[Tensor, "n 3"]) -> Float[Tensor, "n"]:
@@ -245,6 +250,11 @@ class TorchEngine(RadianceEngine):
         cells = self._occupancy.choose_cells(self._generator)
         unit = self._occupancy.points_in(cells, self._generator)
         self._occupancy.refresh(cells, unit, self._density_unit(unit))
+
+
+def over_pixel(of_rays: Float[Tensor, "r *k"], rays_a_pixel: int) -> Float[Tensor, "p *k"]:
+    """Mean over each pixel's neighbouring rays."""
+    return of_rays.view(-1, rays_a_pixel, *of_rays.shape[1:]).mean(1)
 
 
 def _rendered_variance(samples: FieldSamples, rays: int) -> Float[Tensor, "r"]:

@@ -9,10 +9,11 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from mulan.geometry.camera import PinholeCamera
-from mulan.radiance.engine import RayBatch
+from mulan.radiance.engine import RayBatch, Rendering
 from mulan.radiance.kernels.native_library import find_native_library
 from mulan.radiance.kernels.ray_gather import PixelTable, gather_rays
 from mulan.reconstruction.captured_image import CapturedImage
+from mulan.reconstruction.sub_pixels import Renders, random_diagonals, render_pixels, spread_directions
 
 
 class ImageTensors:
@@ -55,6 +56,7 @@ class ImageTensors:
         self.weights = torch.cat([m.reshape(-1).float() for m in maps])
         poses = np.stack([image.T_world_camera for image in self.images])
         self.T_world_camera = torch.from_numpy(poses).float()
+        self._focal_px = torch.tensor([[image.camera.fx, image.camera.fy] for image in self.images])
         self._directions, table_start = _direction_tables([image.camera for image in self.images])
         # added to a global pixel number this gives the row of its direction
         self._direction_shift = table_start - self._first_pixel[:-1]
@@ -71,7 +73,7 @@ class ImageTensors:
         """Keep the pixels, and so make the rays, on another device."""
         for name in ("_image_of_pixel", "_colour", "weights", "T_world_camera", "_directions", "_drawable"):
             setattr(self, name, getattr(self, name).to(device))
-        self._direction_shift = self._direction_shift.to(device)
+        self._direction_shift, self._focal_px = self._direction_shift.to(device), self._focal_px.to(device)
         self._opacity = None if self._opacity is None else self._opacity.to(device)
 
     @property
@@ -91,6 +93,21 @@ class ImageTensors:
         pixel = torch.randint(len(self._drawable), (rays,), generator=generator).to(self._drawable.device)
         return self.rays(pixel if self._every_pixel_drawable else self._drawable[pixel])
 
+    def sample_pairs(self, rays: int, generator: torch.Generator) -> RayBatch:
+        """Half as many pixels as rays: each is two rays on one of its diagonals, judged by their mean."""
+        one = self.sample(max(rays // 2, 1), generator)
+        offset_px = random_diagonals(len(one.weights), generator).to(one.origins.device)
+        R, focal_px = self.T_world_camera[one.image_index, :3, :3], self._focal_px[one.image_index]
+        return RayBatch(
+            origins=one.origins.repeat_interleave(2, 0),
+            directions=spread_directions(one.directions, R, focal_px, offset_px),
+            colours=one.colours.repeat_interleave(2, 0),
+            weights=one.weights.repeat_interleave(2),
+            image_index=one.image_index.repeat_interleave(2),
+            opacity=None if one.opacity is None else one.opacity.repeat_interleave(2),
+            rays_a_pixel=2,
+        )
+
     def rays(self, pixel: Int[Tensor, "r"]) -> RayBatch:
         """Rays of pixels numbered through all images, row by row."""
         in_main_memory = self._colour.device.type == "cpu"
@@ -109,6 +126,14 @@ class ImageTensors:
         """Every ray of one image, row by row."""
         first, end = (int(self._first_pixel[i]) for i in (image, image + 1))
         return self.rays(torch.arange(first, end, device=self._drawable.device))
+
+    def render(self, engine: Renders, image: int, sub_pixels: int = 1) -> Rendering:
+        """What the field shows at one image's pose, row by row; see :func:`render_pixels`."""
+        rays = self.image_rays(image)
+        R, focal_px = self.T_world_camera[image, :3, :3], self._focal_px[image]
+        pixels = len(rays.weights)
+        lens = R.expand(pixels, 3, 3), focal_px.expand(pixels, 2)
+        return render_pixels(engine, rays.origins, rays.directions, *lens, sub_pixels)
 
 
 def _direction_tables(cameras: Sequence[PinholeCamera]) -> tuple[Float[Tensor, "n 3"], Int[Tensor, "images"]]:

@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -14,25 +14,20 @@ from mulan.mission.run_folder import RunFolder, write_atomically
 from mulan.radiance.engine import RadianceEngine, Rendering
 from mulan.reconstruction.captured_image import CapturedImage
 from mulan.reconstruction.dataset import ImageTensors
+from mulan.reconstruction.sub_pixels import Renders
 
 
-@runtime_checkable
-class Renders(Protocol):
-    """Anything that renders rays."""
-
-    def render(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> Rendering:
-        """Colour, depth, opacity and colour variance along rays."""
-        ...
-
-
-def psnr_db(engine: Renders, images: ImageTensors, index: int) -> float:
+def psnr_db(engine: Renders, images: ImageTensors, index: int, sub_pixels: int = 1) -> float:
     """Peak signal-to-noise ratio of one rendered view against its photograph (colours in [0, 1])."""
-    rays = images.image_rays(index)
-    return _psnr_db(engine.render(rays.origins, rays.directions).colour, rays.colours)
+    return _psnr_db(images.render(engine, index, sub_pixels).colour, images.image_rays(index).colours)
 
 
 def evaluate_held_out(
-    engine: RadianceEngine, test: tuple[CapturedImage, ...], run: RunFolder, keep: int = 6
+    engine: RadianceEngine,
+    test: tuple[CapturedImage, ...],
+    run: RunFolder,
+    keep: int = 6,
+    sub_pixels: int = 1,
 ) -> dict[str, Any]:
     """Render every held-out view, compare, and keep some pictures in ``renders/``.
 
@@ -41,6 +36,7 @@ def evaluate_held_out(
         test: Held-out photographs at the size to compare at.
         run: Folder for ``renders/000_true.png``, ``000_rendered.png``, ``000_depth.png`` (near is bright).
         keep: How many views to keep, spread over the set.
+        sub_pixels: Rays a side of a pixel; the field's description says what it was learnt for.
 
     Returns:
         ``views`` (name, psnr_db, ssim each), ``psnr_db`` and ``ssim``, the means over the views, or None
@@ -54,7 +50,7 @@ def evaluate_held_out(
     views = []
     for i, image in enumerate(test):
         rays = images.image_rays(i)
-        rendering = engine.render(rays.origins, rays.directions)
+        rendering = images.render(engine, i, sub_pixels)
         h, w = image.colour.shape[:2]
         view = {
             "name": image.posed.path.name,

@@ -44,7 +44,7 @@ def reconstruct(
     result = train(images, weighting, config, run, follow)
     progress(1, 1, "rendering held-out views")
     metrics = {
-        **evaluate_held_out(result.engine, result.test, run),
+        **evaluate_held_out(result.engine, result.test, run, sub_pixels=result.description.sub_pixels),
         "train_seconds": result.seconds,
         "steps": result.steps,
         "samples_per_s": result.samples / max(result.seconds, 1e-9),

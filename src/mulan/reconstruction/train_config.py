@@ -31,6 +31,10 @@ class TrainConfig:
     training; chosen by the kind of scene and the length of the training if not given."""
     final_learning_rate: float = 0.01
     """Learning rate at the end, as a fraction of the first (half a cosine between)."""
+    antialias_share: float | None = None
+    """Last share of the training in which a pixel is two rays judged by their mean; the field's pictures then
+    have four rays a pixel. 0 = rays through the pixels' centres only, which render four times as fast; chosen
+    by the kind of scene if not given."""
     seed: int = 0
     """Of the initial field, the batches and the sampling."""
     evaluate_every_s: float = 15.0

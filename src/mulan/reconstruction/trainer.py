@@ -20,6 +20,7 @@ from mulan.reconstruction.field_choice import choose_field, choose_march, choose
 from mulan.reconstruction.field_file import FieldDescription, save_field
 from mulan.reconstruction.held_out import psnr_db
 from mulan.reconstruction.scene_space import choose_space
+from mulan.reconstruction.sub_pixels import Antialiasing
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.weights import Weighting
 
@@ -39,6 +40,7 @@ class TrainingStatus:
         samples: Field evaluations so far.
         train_psnr_db: Of recent batches.
         engine: The field as it stands; to look at, off the training clock.
+        sub_pixels: Rays a side of a pixel that its pictures are made of by now.
     """
 
     fraction_done: float
@@ -47,6 +49,7 @@ class TrainingStatus:
     samples: int
     train_psnr_db: float
     engine: RadianceEngine
+    sub_pixels: int = 1
 
 
 @dataclass(frozen=True)
@@ -101,7 +104,8 @@ def train(
     on_gpu = device.type == "cuda"
     field = config.field or choose_field(config.image_size, len(captured), space.unbounded, on_gpu)
     march = config.march or choose_march(config.image_size, space.unbounded, config.quick, on_gpu)
-    description = FieldDescription(field, march, space, not space.unbounded)
+    antialiasing = Antialiasing.choose(config.antialias_share, space.unbounded, on_gpu)
+    description = FieldDescription(field, march, space, not space.unbounded, antialiasing.sub_pixels)
     data = ImageTensors(captured, weighting.weight_maps(captured, space))
     if not data.drawable_pixels:
         raise InputError(images.source, "weights", "are zero everywhere", "use weights that keep some images")
@@ -109,7 +113,7 @@ def train(
     engine = description.new_engine(config.seed, optimiser, device)
     data.move_to(device)
     identity = _identity(config, weighting, description, optimiser, data)
-    loop = _Loop(config, space.unbounded, engine, data, test, run, identity)
+    loop = _Loop(config, space.unbounded, antialiasing, engine, data, test, run, identity)
     loop.run_to_end(progress)
     state = loop.state
     save_field(run.field, engine, description)
@@ -125,6 +129,7 @@ class _Loop:
         self,
         config: TrainConfig,
         unbounded: bool,
+        antialiasing: Antialiasing,
         engine: RadianceEngine,
         data: ImageTensors,
         test: tuple[CapturedImage, ...],
@@ -132,8 +137,8 @@ class _Loop:
         identity: dict[str, Any],
     ) -> None:
         self._config, self._engine, self._data, self._run = config, engine, data, run
-        self._identity, self._unbounded = identity, unbounded
-        self._on_gpu = engine.device.type == "cuda"
+        self._identity, self._antialiasing = identity, antialiasing
+        self._unbounded, self._on_gpu = unbounded, engine.device.type == "cuda"
         self._curve_views = ImageTensors(test[:: max(1, len(test) // CURVE_VIEWS)]) if test else None
         self._sampler = torch.Generator().manual_seed(config.seed + 1)
         self.state = Progress()
@@ -175,7 +180,8 @@ class _Loop:
     def _step(self, learning_rate_factor: float) -> None:
         s = self.state
         began = time.perf_counter()
-        report = self._engine.train_step(self._data.sample(s.rays, self._sampler), learning_rate_factor)
+        draw = self._data.sample_pairs if self._pixels_are_pairs else self._data.sample
+        report = self._engine.train_step(draw(s.rays, self._sampler), learning_rate_factor)
         seconds = s.seconds + time.perf_counter() - began
         error = report.mean_squared_error
         if s.mean_squared_error is not None:
@@ -186,16 +192,30 @@ class _Loop:
         samples = s.samples + report.samples
         self.state = Progress(s.steps + 1, seconds, rays, samples, report.loss, error, s.history)
 
+    @property
+    def _pixels_are_pairs(self) -> bool:
+        return self._antialiasing.began(self._config.fraction_done(self.state.steps, self.state.seconds))
+
+    @property
+    def _sub_pixels(self) -> int:
+        return self._antialiasing.sub_pixels if self._pixels_are_pairs else 1
+
     def _status(self) -> TrainingStatus:
         s = self.state
         done = self._config.fraction_done(s.steps, s.seconds)
         return TrainingStatus(
-            done, s.steps, s.seconds, s.samples, _decibel(s.mean_squared_error), self._engine
+            done,
+            s.steps,
+            s.seconds,
+            s.samples,
+            _decibel(s.mean_squared_error),
+            self._engine,
+            self._sub_pixels,
         )
 
     def _add_to_history(self) -> None:
         views, s = self._curve_views, self.state
-        test = [psnr_db(self._engine, views, i) for i in range(len(views))] if views else []
+        test = [psnr_db(self._engine, views, i, self._sub_pixels) for i in range(len(views))] if views else []
         point = {
             "seconds": round(s.seconds, 3),
             "steps": s.steps,
@@ -219,6 +239,12 @@ def _check(images: PosedImageSet, config: TrainConfig) -> None:
     ):
         if not (math.isfinite(value) and value > 0):
             raise InputError(option, "value", f"{value} is not a positive number", "give one above zero")
+    if config.antialias_share and config.device.resolve().type == "cuda":
+        problem = "needs the CPU engines; the GPU engine learns one ray a pixel"
+        raise InputError("--antialias-share", "value", problem, "give 0, or --device cpu")
+    if config.antialias_share is not None and not 0 <= config.antialias_share <= 1:
+        problem = f"{config.antialias_share} is no share"
+        raise InputError("--antialias-share", "value", problem, "give one between 0 and 1")
 
 
 def _identity(

@@ -50,7 +50,7 @@ def measure_scene(scene: EngineScene, seed: int, folder: RunFolder, listener: Li
         config = TrainConfig(image_size=scene.image_size, time_budget_s=budget_s, seed=seed)
         result = train(images, NoWeights(), config, run, follow)
         key = f"{budget_s:g}"
-        final_db[key] = recorder.finish(result.engine, result.seconds)
+        final_db[key] = recorder.finish(result.engine, result.seconds, result.description.sub_pixels)
         curves[key], view_curves[key] = recorder.curve, recorder.view_curve
         longest = {
             "samples_per_s": result.samples / result.seconds,
@@ -81,7 +81,7 @@ def _follow(
 ) -> Callable[[TrainingStatus], None]:
     def follow(status: TrainingStatus) -> None:
         if status.fraction_done < 1:
-            recorder.visit(status.engine, status.seconds)
+            recorder.visit(status.engine, status.seconds, status.sub_pixels)
         progress(status.fraction_done, 1, recorder.latest)
 
     return follow

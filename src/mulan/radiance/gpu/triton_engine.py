@@ -193,6 +193,8 @@ class TritonEngine(RadianceEngine):
 
     @torch.no_grad()
     def _train(self, batch: RayBatch, factor: float, gradients: RayGradients | None) -> StepReport:
+        if batch.rays_a_pixel != 1:
+            raise ValueError("the GPU engine learns one ray a pixel")
         seed = self._new_seed()
         report = self._learn(batch, seed, gradients)
         self._apply(factor)
@@ -234,10 +236,10 @@ class TritonEngine(RadianceEngine):
         self._steps += 1
         adam_step(
             *(p.table, p.table_moments, p.table_gradient, rates.table_learning_rate * factor, self._steps),
-            *(not config.update_untouched, self._field.encoding.level_weight),
+            *(rates, not config.update_untouched, self._field.encoding.level_weight),
         )
         rate = rates.network_learning_rate * factor
-        adam_step(p.networks, p.network_moments, p.network_gradient, rate, self._steps)
+        adam_step(p.networks, p.network_moments, p.network_gradient, rate, self._steps, rates)
 
     def _new_seed(self) -> int:
         return int(torch.randint(2**62, (), generator=self._generator))

@@ -84,6 +84,7 @@ class NativeObjective(ctypes.Structure):
         ("likelihood", c_int32),
         ("distortion_weight", c_float),
         ("entropy_weight", c_float),
+        ("rays_a_pixel", c_int32),
     )
 
 

@@ -21,6 +21,7 @@ extern "C" {
 #define MULAN_ABI_VERSION 4
 #define MULAN_MAX_LEVELS 32
 #define MULAN_MAX_THREADS 1024
+#define MULAN_MAX_RAYS_A_PIXEL 16
 #define MULAN_MAX_CASCADES 8
 
 enum MulanStatus { MULAN_OK = 0, MULAN_BAD_ARGUMENT = 1, MULAN_OUT_OF_MEMORY = 2 };
@@ -78,6 +79,8 @@ typedef struct {
     int32_t likelihood;            // 1: the colour's cost is that likelihood, and it reaches everything
     float distortion_weight;       // of the distortion along each ray (mip-NeRF 360, eq. 15)
     float entropy_weight;          // of the entropy of each ray's opacity
+    int32_t rays_a_pixel;          // so many neighbouring rays share one colour, weight and background, and are judged
+                                   // by their mean; 1 with a colour gradient, at most MULAN_MAX_RAYS_A_PIXEL
 } MulanObjective;
 
 // Where the gradient to the poses of the cameras goes.

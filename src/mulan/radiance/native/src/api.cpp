@@ -55,7 +55,9 @@ bool valid(const MulanRays* r) { return r && given(r->count, {r->origins, r->dir
 bool valid(const MulanObjective* o, const MulanRays* r) {
     if (!o || !r || !finite(&o->huber_delta, 1) || !finite(&o->variance_weight, 1)) return false;
     if (!finite(&o->distortion_weight, 1) || !finite(&o->entropy_weight, 1)) return false;
-    return o->colour_gradient || given(r->count, {o->colours, o->weights});
+    if (o->colour_gradient) return o->rays_a_pixel == 1;
+    if (o->rays_a_pixel < 1 || o->rays_a_pixel > MULAN_MAX_RAYS_A_PIXEL || r->count % o->rays_a_pixel) return false;
+    return given(r->count, {o->colours, o->weights});
 }
 bool valid(const MulanAdam* a) {
     if (!a || a->step < 1) return false;
