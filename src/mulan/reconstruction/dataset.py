@@ -93,7 +93,8 @@ class ImageTensors:
 
     def rays(self, pixel: Int[Tensor, "r"]) -> RayBatch:
         """Rays of pixels numbered through all images, row by row."""
-        return gather_rays(self._table(), pixel, find_native_library()[0])
+        library = find_native_library()[0] if self.weights.device.type == "cpu" else None
+        return gather_rays(self._table(), pixel, library)
 
     def _table(self) -> PixelTable:
         # poses and weights may have been replaced since the last batch

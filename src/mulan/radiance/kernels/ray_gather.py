@@ -47,12 +47,12 @@ class PixelTable:
             pixels,
             images,
             rows,
-            address(self.colours, (pixels, 3)),
-            None if self.opacity is None else address(self.opacity, (pixels,)),
+            address(self.colours, (pixels, 3), torch.uint8),
+            None if self.opacity is None else address(self.opacity, (pixels,), torch.uint8),
             address(self.weights, (pixels,)),
-            address(self.image, (pixels,)),
+            address(self.image, (pixels,), torch.int32),
             address(self.camera_directions, (rows, 3)),
-            address(self.direction_shift, (images,)),
+            address(self.direction_shift, (images,), torch.int64),
             address(self.T_world_camera, (images, 4, 4)),
         )
 
