@@ -17,6 +17,7 @@ from mulan.evaluation.engine.protocol import PICTURE, EngineBenchmark, EngineBen
 from mulan.evaluation.engine.scenes import engine_scenes
 from mulan.evaluation.engine.throughput import ThroughputConfig
 from mulan.mission.run_folder import RunFolder
+from mulan.radiance.backend import Device
 
 
 def recordings() -> Path:
@@ -56,6 +57,8 @@ class Options:
         default_factory=ThroughputConfig
     )
     """Training throughput against torch."""
+    device: tyro.conf.EnumChoicesFromValues[Device] = Device.CPU
+    """Where our own trainings run; throughput, torch and the peers are measured on the CPU."""
     seed: int = 0
     """Source of all randomness."""
 
@@ -74,6 +77,7 @@ def benchmark(options: Options, listener: Listener) -> EngineBenchmark:
         throughput=replace(options.throughput, seed=options.seed),
         peers=peers,
         torch_budget_s=options.torch_budget,
+        device=options.device,
         seed=options.seed,
     )
     return EngineBenchmark(
