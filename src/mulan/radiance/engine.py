@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
+import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
@@ -24,6 +25,28 @@ class RayBatch:
     colours: Float[Tensor, "r 3"]
     weights: Float[Tensor, "r"]
     image_index: Int[Tensor, "r"]
+
+    def check_finite(self) -> None:
+        """Refuse NaN and infinity before a kernel sees them; the colour of an ignored ray may be anything.
+
+        Raises:
+            ValueError: An array holds one; the message names it.
+        """
+        check_finite(origins=self.origins, directions=self.directions, weights=self.weights)
+        if not torch.isfinite(self.colours.sum()):
+            check_finite(colours=self.colours[self.weights > 0])
+
+
+def check_finite(**arrays: Tensor) -> None:
+    """Refuse NaN and infinity.
+
+    Raises:
+        ValueError: An array holds one; the message has the name it was given.
+    """
+    for name, array in arrays.items():
+        # one sum tells at once whether all are finite; only a sum that overflows needs the closer look
+        if not torch.isfinite(array.sum()) and not torch.isfinite(array).all():
+            raise ValueError(f"{name} must be finite: one is NaN or infinite")
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mulan.radiance.config import FieldConfig, MarchConfig
-from mulan.radiance.engine import RadianceEngine, RayBatch, RaySamples, Rendering, StepReport
+from mulan.radiance.engine import RayBatch, RaySamples, Rendering, StepReport, check_finite
 from mulan.radiance.kernels.native_buffers import address, native_field, native_scene
 from mulan.radiance.kernels.native_grid import NativeGrid, NativeGridConfig
 from mulan.radiance.kernels.native_library import NativeLibrary, check, find_native_library
@@ -24,6 +24,7 @@ from mulan.radiance.kernels.native_structures import (
 from mulan.radiance.networks import RadianceField
 from mulan.radiance.ray_gradients import RayGradients
 from mulan.radiance.space import SceneSpace
+from mulan.radiance.split_step import BatchPart, ParameterGradients, SplitStepEngine
 from mulan.radiance.torch_engine import OptimiserConfig
 
 # Networks in the order in which the library keeps them, one after another.
@@ -35,6 +36,7 @@ NETWORKS = (
     "colour_out",
     "variance_out",
 )
+ADAM = (0.9, 0.99, 1e-15)  # decay of the mean, of the square, and epsilon
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class NativeConfig:
     """How the occupancy grid is kept up to date."""
 
 
-class NativeEngine(RadianceEngine):
+class NativeEngine(SplitStepEngine):
     """The field trained and rendered by libmulan_native.
 
     Same arguments and batches give the same numbers bit for bit, whatever the number of threads.
@@ -124,6 +126,48 @@ class NativeEngine(RadianceEngine):
         """One optimiser step, and the gradient of its loss to the rays as it was before the step."""
         gradients = RayGradients(torch.zeros_like(batch.origins), torch.zeros_like(batch.directions))
         return self._train(batch, learning_rate_factor, gradients), gradients
+
+    @property
+    def parameter_count(self) -> int:
+        """See :class:`SplitStepEngine`; the table comes first."""
+        return self._table.numel() + self._networks.numel()
+
+    def gradients(
+        self, batch: RayBatch, part: BatchPart | None = None, out: Float[Tensor, "parameters"] | None = None
+    ) -> tuple[ParameterGradients, StepReport]:
+        """First half of a step; see :class:`SplitStepEngine`."""
+        values = torch.zeros(self.parameter_count) if out is None else out.zero_()
+        first = part.first if part else 0
+        objective, _keep = self._objective(batch)
+        rays, _keep_too = self._rays(batch.origins, batch.directions, self._new_seed(), first)
+        table, networks = values.split([self._table.numel(), self._networks.numel()])
+        wanted = NativeGradients(table=address(table), networks=address(networks))
+        report = NativeStepReport()
+        parameters = self._parameters()
+        check(self._c.mulan_gradients(*self._context(), parameters, rays, objective, wanted, None, report))
+        weight = float(batch.weights.clamp_min(0).sum())
+        return ParameterGradients(values, weight, report.rays), _step_report(report)
+
+    def apply(self, gradients: ParameterGradients, learning_rate_factor: float) -> None:
+        """Second half of a step; see :class:`SplitStepEngine`."""
+        optimiser, skip = self.optimiser_config, not self.native_config.update_untouched
+        table, networks = gradients.values.split([self._table.numel(), self._networks.numel()])
+        rate = optimiser.table_learning_rate * learning_rate_factor
+        mean, square = self._table_moments
+        gradient = table.view_as(self._table)
+        for level in range(self.field_config.levels):
+            if self._field.level_weight[level] != 0:
+                self._adam(self._table[level], mean[level], square[level], gradient[level], rate, skip)
+        rate = optimiser.network_learning_rate * learning_rate_factor
+        mean, square = self._network_moments
+        self._adam(self._networks, mean, square, networks, rate, False)
+        self._finish_step()
+
+    def _adam(
+        self, value: Tensor, mean: Tensor, square: Tensor, gradient: Tensor, rate: float, skip: bool
+    ) -> None:
+        arrays = (address(x) for x in (value, mean, square, gradient))
+        check(self._c.mulan_adam(value.numel(), *arrays, rate, *ADAM, self._steps + 1, skip))
 
     def ray_gradients(
         self,
@@ -230,20 +274,14 @@ class NativeEngine(RadianceEngine):
         self._generator.set_state(state["generator"])
 
     def _train(self, batch: RayBatch, factor: float, gradients: RayGradients | None) -> StepReport:
-        rays, _keep = self._rays(batch.origins, batch.directions, self._new_seed())
-        colours, weights = batch.colours.contiguous(), batch.weights.contiguous()
+        objective, _keep = self._objective(batch)
+        rays, _keep_too = self._rays(batch.origins, batch.directions, self._new_seed())
         optimiser, config = self.optimiser_config, self.native_config
-        objective = NativeObjective(
-            colours=address(colours, (rays.count, 3)),
-            weights=address(weights, (rays.count,)),
-            huber_delta=optimiser.huber_delta or 0.0,
-            variance_weight=1.0,
-        )
         adam = NativeAdam(
             *(address(m) for m in (*self._table_moments, *self._network_moments)),
             optimiser.table_learning_rate * factor,
             optimiser.network_learning_rate * factor,
-            *(0.9, 0.99, 1e-15),
+            *ADAM,
             self._steps + 1,
             not config.update_untouched,
         )
@@ -263,11 +301,26 @@ class NativeEngine(RadianceEngine):
                 report,
             )
         )
+        self._finish_step()
+        return _step_report(report)
+
+    def _finish_step(self) -> None:
         self._steps += 1
-        if self._steps % optimiser.occupancy_every == 0:
+        if self._steps % self.optimiser_config.occupancy_every == 0:
             parts = self._workspace, self._field, self._scene, self._parameters()
             self._grid.refresh(*parts, self._new_seed())
-        return StepReport(report.loss, report.squared_error / max(report.rays, 1), report.samples)
+
+    def _objective(self, batch: RayBatch) -> tuple[NativeObjective, tuple]:
+        """What a step learns from, and the arrays that must outlive it."""
+        colours, weights = batch.colours.contiguous(), batch.weights.contiguous()
+        batch.check_finite()
+        objective = NativeObjective(
+            colours=address(colours, (len(colours), 3)),
+            weights=address(weights, (len(colours),)),
+            huber_delta=self.optimiser_config.huber_delta or 0.0,
+            variance_weight=1.0,
+        )
+        return objective, (colours, weights)
 
     def _new_seed(self) -> int:
         return int(torch.randint(2**62, (), generator=self._generator))
@@ -278,18 +331,22 @@ class NativeEngine(RadianceEngine):
     def _parameters(self) -> NativeParameters:
         return NativeParameters(address(self._table), address(self._networks))
 
-    def _rays(self, origins: Tensor, directions: Tensor, seed: int | None = None) -> tuple[NativeRays, tuple]:
+    def _rays(
+        self, origins: Tensor, directions: Tensor, seed: int | None = None, first: int = 0
+    ) -> tuple[NativeRays, tuple]:
         """Rays for a call, and the arrays that must outlive it; without a seed samples lie mid-step."""
         origins, directions = origins.contiguous(), directions.contiguous()
         shape = (len(origins), 3)
         at = address(origins, shape), address(directions, shape)
-        # one sum tells whether all are finite
-        if not torch.isfinite(origins.sum() + directions.sum()):
-            raise ValueError("rays must be finite: an origin or a direction is NaN or infinite")
-        rays = NativeRays(len(origins), *at, seed or 0, seed is not None)
+        check_finite(origins=origins, directions=directions)
+        rays = NativeRays(len(origins), *at, seed or 0, seed is not None, first)
         return rays, (origins, directions)
 
     @staticmethod
     def _empty_rendering(rays: int) -> tuple[Rendering, NativeRendering]:
         colour, scalars = torch.empty(rays, 3), torch.empty(3, rays).unbind(0)
         return Rendering(colour, *scalars), NativeRendering(address(colour), *(address(x) for x in scalars))
+
+
+def _step_report(report: NativeStepReport) -> StepReport:
+    return StepReport(report.loss, report.squared_error / max(report.rays, 1), report.samples)

@@ -7,11 +7,12 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mulan.radiance.config import FieldConfig, MarchConfig
-from mulan.radiance.engine import RadianceEngine, RayBatch, RaySamples, Rendering, StepReport
+from mulan.radiance.engine import RayBatch, RaySamples, Rendering, StepReport, check_finite
 from mulan.radiance.networks import RadianceField
 from mulan.radiance.occupancy import OccupancyGrid
 from mulan.radiance.rendering import FieldSamples, evaluate_rays
 from mulan.radiance.space import SceneSpace
+from mulan.radiance.split_step import BatchPart, ParameterGradients, SplitStepEngine
 
 RENDERED_VARIANCE_FLOOR = 1e-4
 EXPLORING_SHARE = 0.1  # rays that learn from thin samples too, or nothing could ever grow out of empty space
@@ -31,7 +32,7 @@ class OptimiserConfig:
     """Steps between refreshes of the occupancy grid."""
 
 
-class TorchEngine(RadianceEngine):
+class TorchEngine(SplitStepEngine):
     """Reference implementation of :class:`RadianceEngine` on the CPU.
 
     Two engines with the same arguments and the same batches are equal bit for bit (at one thread count).
@@ -77,11 +78,46 @@ class TorchEngine(RadianceEngine):
 
     def train_step(self, batch: RayBatch, learning_rate_factor: float) -> StepReport:
         """One optimiser step; see :class:`RadianceEngine`."""
+        report = self._backward(batch, BatchPart.whole(len(batch.weights)))
+        self._step(learning_rate_factor)
+        return report
+
+    @property
+    def parameter_count(self) -> int:
+        """See :class:`SplitStepEngine`; the order is that of ``field.parameters()``."""
+        return sum(parameter.numel() for parameter in self.field.parameters())
+
+    def gradients(
+        self, batch: RayBatch, part: BatchPart | None = None, out: Float[Tensor, "parameters"] | None = None
+    ) -> tuple[ParameterGradients, StepReport]:
+        """First half of a step; see :class:`SplitStepEngine`."""
+        report = self._backward(batch, part or BatchPart.whole(len(batch.weights)))
+        flat = [
+            (torch.zeros_like(p) if p.grad is None else p.grad).flatten() for p in self.field.parameters()
+        ]
+        values = torch.cat(flat, out=out)
+        used = batch.weights[batch.weights > 0]
+        return ParameterGradients(values, float(used.sum()), len(used)), report
+
+    def apply(self, gradients: ParameterGradients, learning_rate_factor: float) -> None:
+        """Second half of a step; see :class:`SplitStepEngine`."""
+        parameters = list(self.field.parameters())
+        parts = gradients.values.split([parameter.numel() for parameter in parameters])
+        for parameter, gradient in zip(parameters, parts, strict=True):
+            parameter.grad = gradient.view_as(parameter).clone()
+        self._step(learning_rate_factor)
+
+    def _backward(self, batch: RayBatch, part: BatchPart) -> StepReport:
+        batch.check_finite()
         used = (batch.weights > 0).nonzero()[:, 0]
         origins, directions = batch.origins[used], batch.directions[used]
         target, weights = batch.colours[used], batch.weights[used]
-        jitter = torch.rand(len(used), generator=self._generator)
-        samples = self._evaluate(origins, directions, jitter, EXPLORING_SHARE)
+        jitter = part.uniform(self._generator)[used]
+        least = self._least_opacity(len(batch.weights))
+        if least is not None:
+            least[part.uniform(self._generator) < EXPLORING_SHARE] = 0.0
+            least = least[used]
+        samples = self._evaluate(origins, directions, jitter, least)
         rendered = samples.composite(len(used))
         error = self._over_background(rendered.colour, rendered.opacity) - target
         squared = error.square().mean(-1)
@@ -92,6 +128,10 @@ class TorchEngine(RadianceEngine):
         likelihood = (share * 0.5 * (squared.detach() / variance + variance.log())).sum()
         self._adam.zero_grad(set_to_none=True)
         (loss + likelihood).backward()
+        mean_squared = float(squared.detach().mean()) if len(used) else 0.0
+        return StepReport(loss=float(loss.detach()), mean_squared_error=mean_squared, samples=samples.marched)
+
+    def _step(self, learning_rate_factor: float) -> None:
         rates = (self.optimiser_config.table_learning_rate, self.optimiser_config.network_learning_rate)
         for group, rate in zip(self._adam.param_groups, rates, strict=True):
             group["lr"] = rate * learning_rate_factor
@@ -99,8 +139,6 @@ class TorchEngine(RadianceEngine):
         self._steps += 1
         if self._steps % self.optimiser_config.occupancy_every == 0:
             self._refresh_occupancy()
-        mean_squared = float(squared.detach().mean()) if len(used) else 0.0
-        return StepReport(loss=float(loss.detach()), mean_squared_error=mean_squared, samples=samples.marched)
 
     @torch.no_grad()
     def render(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> Rendering:
@@ -108,10 +146,13 @@ class TorchEngine(RadianceEngine):
 
         The depth is the blend's mean distance, 0 where nothing is hit.
         """
+        check_finite(origins=origins, directions=directions)
         parts = []
         for start in range(0, len(origins), self._rays_at_once):
             o = origins[start : start + self._rays_at_once]
-            samples = self._evaluate(o, directions[start : start + len(o)], torch.full((len(o),), 0.5))
+            samples = self._evaluate(
+                o, directions[start : start + len(o)], torch.full((len(o),), 0.5), self._least_opacity(len(o))
+            )
             c = samples.composite(len(o))
             parts.append((self._over_background(c.colour, c.opacity), c.distance_m, c.opacity, c.variance))
         if not parts:
@@ -123,10 +164,13 @@ class TorchEngine(RadianceEngine):
     @torch.no_grad()
     def sample(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> RaySamples:
         """The samples a rendering is made of; see :class:`RadianceEngine`."""
+        check_finite(origins=origins, directions=directions)
         parts = []
         for start in range(0, max(len(origins), 1), self._rays_at_once):
             o = origins[start : start + self._rays_at_once]
-            s = self._evaluate(o, directions[start : start + len(o)], torch.full((len(o),), 0.5))
+            s = self._evaluate(
+                o, directions[start : start + len(o)], torch.full((len(o),), 0.5), self._least_opacity(len(o))
+            )
             parts.append((s.ray_index + start, s.blend, s.colour, s.variance, s.distance_m))
         return RaySamples(*(torch.cat(column) for column in zip(*parts, strict=True)))
 
@@ -172,15 +216,16 @@ class TorchEngine(RadianceEngine):
         # memory stays bounded whatever the occupancy
         return max(1, 2**20 // self.march_config.steps)
 
+    def _least_opacity(self, rays: int) -> Tensor | None:
+        """Opacity below which samples of each ray count as empty, where there is such a bound."""
+        if self.space.unbounded and self._occupancy.is_warm:
+            return torch.full((rays,), self.march_config.least_opacity)
+        return None
+
     def _evaluate(
-        self, origins: Tensor, directions: Tensor, jitter: Tensor, exploring_share: float = 0.0
+        self, origins: Tensor, directions: Tensor, jitter: Tensor, least: Tensor | None
     ) -> FieldSamples:
         march, occupied = self.march_config, self._occupancy.occupied
-        least = None
-        if self.space.unbounded and self._occupancy.is_warm:
-            least = torch.full((len(origins),), march.least_opacity)
-            if exploring_share > 0:
-                least[torch.rand(len(origins), generator=self._generator) < exploring_share] = 0.0
         return evaluate_rays(self.field, self.space, march, occupied, origins, directions, jitter, least)
 
     def _over_background(self, colour: Tensor, opacity: Tensor) -> Tensor:

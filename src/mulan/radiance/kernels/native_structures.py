@@ -3,7 +3,7 @@
 import ctypes
 from ctypes import c_double, c_float, c_int32, c_int64, c_uint64, c_void_p
 
-ABI_VERSION = 2
+ABI_VERSION = 3
 MAX_LEVELS = 32
 
 
@@ -67,6 +67,7 @@ class NativeRays(ctypes.Structure):
         ("directions", c_void_p),
         ("seed", c_uint64),
         ("jitter", c_int32),
+        ("first", c_int64),
     )
 
 

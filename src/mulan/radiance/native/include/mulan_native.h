@@ -16,7 +16,7 @@
 extern "C" {
 #endif
 
-#define MULAN_ABI_VERSION 2
+#define MULAN_ABI_VERSION 3
 #define MULAN_MAX_LEVELS 32
 
 enum MulanStatus { MULAN_OK = 0, MULAN_BAD_ARGUMENT = 1, MULAN_OUT_OF_MEMORY = 2 };
@@ -60,6 +60,7 @@ typedef struct {
     const float* directions;  // [r, 3] unit
     uint64_t seed;            // of the sampling jitter
     int32_t jitter;           // 0: samples at the middle of their step
+    int64_t first;            // number of the first ray in the joint batch these are part of; the jitter goes by it
 } MulanRays;
 
 // What a step learns from.
