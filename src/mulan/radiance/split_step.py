@@ -4,7 +4,7 @@ from abc import abstractmethod
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 from torch import Tensor
 
 from mulan.radiance.engine import RadianceEngine, RayBatch, StepReport
@@ -35,7 +35,7 @@ class BatchPart:
         first = joint_rays * rank // processes
         return BatchPart(first, joint_rays * (rank + 1) // processes - first, joint_rays)
 
-    def of(self, joint: Float[Tensor, "joint"]) -> Float[Tensor, "part"]:
+    def of(self, joint: Shaped[Tensor, "joint"]) -> Shaped[Tensor, "part"]:
         """The part's numbers among those of the joint batch."""
         return joint[self.first : self.first + self.rays]
 

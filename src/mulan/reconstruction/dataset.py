@@ -10,6 +10,7 @@ from torch import Tensor
 
 from mulan.geometry.camera import PinholeCamera
 from mulan.radiance.engine import RayBatch
+from mulan.radiance.split_step import BatchPart
 from mulan.reconstruction.captured_image import CapturedImage
 
 
@@ -69,9 +70,10 @@ class ImageTensors:
             digest.update(tensor.contiguous().numpy().tobytes())
         return digest.hexdigest()[:16]
 
-    def sample(self, rays: int, generator: torch.Generator) -> RayBatch:
-        """Pixels drawn uniformly, with replacement, among those of positive weight."""
+    def sample(self, rays: int, generator: torch.Generator, part: BatchPart | None = None) -> RayBatch:
+        """Pixels drawn uniformly, with replacement, among those of positive weight; of these, a part."""
         pixel = torch.randint(len(self._drawable), (rays,), generator=generator)
+        pixel = pixel if part is None else part.of(pixel)
         return self.rays(pixel if self._every_pixel_drawable else self._drawable[pixel])
 
     def rays(self, pixel: Int[Tensor, "r"]) -> RayBatch:

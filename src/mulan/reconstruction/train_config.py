@@ -17,7 +17,7 @@ class TrainConfig:
     steps: int | None = None
     """Optimiser steps; overrides the time budget and makes the result repeatable bit for bit."""
     batch_samples: int = 16384
-    """Field evaluations a step; the number of rays adapts to it."""
+    """Field evaluations a step (of each process); the number of rays adapts to it."""
     final_learning_rate: float = 0.01
     """Learning rate at the end, as a fraction of the first (half a cosine between)."""
     seed: int = 0

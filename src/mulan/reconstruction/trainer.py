@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -14,15 +15,17 @@ from mulan.mission.run_folder import RunFolder, write_json
 from mulan.radiance.engine import RadianceEngine
 from mulan.reconstruction.captured_image import CapturedImage, load_captured
 from mulan.reconstruction.checkpoint import Progress, read_checkpoint, write_checkpoint
+from mulan.reconstruction.data_parallel import DataParallel
 from mulan.reconstruction.dataset import ImageTensors
 from mulan.reconstruction.field_choice import choose_field, choose_march
 from mulan.reconstruction.field_file import FieldDescription, save_field
 from mulan.reconstruction.held_out import psnr_db
+from mulan.reconstruction.process_group import ProcessGroup
 from mulan.reconstruction.scene_space import choose_space
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.weights import Weighting
 
-MAX_RAYS = 16384
+MAX_RAYS = 16384  # of one process
 CURVE_POINTS = 5  # at least, of a training with a time budget
 CURVE_VIEWS = 4  # test views behind each point of the training curve
 SMOOTHING = 0.95  # of the running mean squared error shown in the curve
@@ -73,6 +76,7 @@ def train(
     config: TrainConfig,
     run: RunFolder,
     progress: Callable[[TrainingStatus], None] | None = None,
+    group: ProcessGroup | None = None,
 ) -> TrainingResult:
     """Learn a field and write it to the run, resuming an unfinished training of the same options and images.
 
@@ -85,11 +89,35 @@ def train(
         config: Options.
         run: Folder to write to.
         progress: Called after every step.
+        group: The processes that train together; each calls this with the same arguments, one writes.
 
     Raises:
         InputError: There is no photograph, one is damaged, no pixel has weight, an option makes no sense, or
             an unfinished training in the run was started with other options or images.
     """
+    with group.all_or_none() if group else nullcontext():
+        loop, description = _prepare(images, weighting, config, run, group)
+    loop.start()
+    loop.run_to_end(progress)
+    state = loop.state
+    with group.all_or_none() if group else nullcontext():
+        if group is None or group.leads:
+            save_field(run.field, loop.engine, description)
+            write_json(run.history, list(state.history))
+            run.checkpoint.unlink(missing_ok=True)
+    return TrainingResult(
+        loop.engine, description, loop.test, state.history, state.steps, state.seconds, state.samples
+    )
+
+
+def _prepare(
+    images: PosedImageSet,
+    weighting: Weighting,
+    config: TrainConfig,
+    run: RunFolder,
+    group: ProcessGroup | None,
+) -> tuple["_Loop", FieldDescription]:
+    """The photographs in memory and an untrained field."""
     _check(images, config)
     captured = load_captured(images.train, config.image_size)
     test = load_captured(images.test, config.image_size)
@@ -100,13 +128,9 @@ def train(
     if not data.drawable_pixels:
         raise InputError(images.source, "weights", "are zero everywhere", "use weights that keep some images")
     engine = description.new_engine(config.seed)
-    loop = _Loop(config, engine, data, test, run, _identity(config, weighting, description, data))
-    loop.run_to_end(progress)
-    state = loop.state
-    save_field(run.field, engine, description)
-    write_json(run.history, list(state.history))
-    run.checkpoint.unlink(missing_ok=True)
-    return TrainingResult(engine, description, test, state.history, state.steps, state.seconds, state.samples)
+    identity = _identity(config, weighting, description, data)
+    identity["processes"] = group.place.processes if group else 1
+    return _Loop(config, engine, data, test, run, identity, group), description
 
 
 class _Loop:
@@ -120,22 +144,38 @@ class _Loop:
         test: tuple[CapturedImage, ...],
         run: RunFolder,
         identity: dict[str, Any],
+        group: ProcessGroup | None,
     ) -> None:
-        self._config, self._engine, self._data, self._run = config, engine, data, run
+        self._config, self._data, self._run = config, data, run
+        self.engine, self.test = engine, test
+        self._group, self._together = group, None
+        self._processes = group.place.processes if group else 1
+        self._writes = group is None or group.leads
         self._identity = identity
         self._curve_views = ImageTensors(test[:: max(1, len(test) // CURVE_VIEWS)]) if test else None
         self._sampler = torch.Generator().manual_seed(config.seed + 1)
         self.state = Progress()
-        if run.checkpoint.exists():
+        if self._writes and run.checkpoint.exists():
             tensors, self._sampler, self.state = read_checkpoint(run.checkpoint, identity)
             try:
                 engine.load_state(tensors)
             except ValueError as error:
                 raise InputError(run.checkpoint, "field", str(error), "delete it to start anew") from error
+        self._saved_s = self._evaluated_s = 0.0
+
+    def start(self) -> None:
+        """Agree with the other processes on where to begin."""
+        if self._group:
+            self._together = DataParallel(self._group, self.engine)
+            self.state = self._together.share(self._sampler, self.state)
         # a resumed training owes its next checkpoint and curve point from where it stands
         self._saved_s = self._evaluated_s = self.state.seconds
 
     def run_to_end(self, progress: Callable[[TrainingStatus], None] | None) -> None:
+        with self._together.stopping_together() if self._together else nullcontext():
+            self._run_to_end(progress)
+
+    def _run_to_end(self, progress: Callable[[TrainingStatus], None] | None) -> None:
         try:
             while self._config.fraction_done(self.state.steps, self.state.seconds) < 1:
                 self._advance()
@@ -155,21 +195,31 @@ class _Loop:
             self._add_to_history()
         if seconds - self._saved_s >= config.checkpoint_every_s:
             self._save()
+        if self._together and self._together.stop_agreed:
+            raise KeyboardInterrupt
 
     def _save(self) -> None:
         self._saved_s = self.state.seconds
-        tensors = self._engine.state()
+        if self._together:
+            self.state = self._together.share(self._sampler, self.state)
+        if not self._writes:
+            return
+        tensors = self.engine.state()
         write_checkpoint(self._run.checkpoint, tensors, self._sampler, self.state, self._identity)
 
     def _step(self, learning_rate_factor: float) -> None:
         s = self.state
         began = time.perf_counter()
-        report = self._engine.train_step(self._data.sample(s.rays, self._sampler), learning_rate_factor)
-        seconds = s.seconds + time.perf_counter() - began
+        if self._together:
+            report, took = self._together.step(self._data, s.rays, self._sampler, learning_rate_factor)
+        else:
+            report = self.engine.train_step(self._data.sample(s.rays, self._sampler), learning_rate_factor)
+            took = time.perf_counter() - began
+        seconds = s.seconds + took
         error = report.mean_squared_error
         if s.mean_squared_error is not None:
             error = SMOOTHING * s.mean_squared_error + (1 - SMOOTHING) * error
-        rays = _next_rays(s.rays, report.samples, self._config.batch_samples)
+        rays = _next_rays(s.rays, report.samples, self._config.batch_samples, self._processes)
         samples = s.samples + report.samples
         self.state = Progress(s.steps + 1, seconds, rays, samples, report.loss, error, s.history)
 
@@ -180,7 +230,7 @@ class _Loop:
 
     def _add_to_history(self) -> None:
         views, s = self._curve_views, self.state
-        test = [psnr_db(self._engine, views, i) for i in range(len(views))] if views else []
+        test = [psnr_db(self.engine, views, i) for i in range(len(views))] if views and self._writes else []
         point = {
             "seconds": round(s.seconds, 3),
             "steps": s.steps,
@@ -220,10 +270,10 @@ def _identity(
     }
 
 
-def _next_rays(rays: int, samples: int, target: int) -> int:
-    """Rays that would have met the target, at most doubled or halved at a time."""
-    wanted = int(rays * target / max(samples, 1))
-    return max(32, min(max(wanted, rays // 2), rays * 2, MAX_RAYS))
+def _next_rays(rays: int, samples: int, target: int, processes: int) -> int:
+    """Rays of all processes that would have met each one's target, at most doubled or halved at a time."""
+    wanted = int(rays * target * processes / max(samples, 1))
+    return max(32, min(max(wanted, rays // 2), rays * 2, MAX_RAYS * processes))
 
 
 def _decibel(mean_squared_error: float | None) -> float:
