@@ -13,8 +13,8 @@ from mulan.errors import InputError
 from mulan.radiance.engine import RadianceEngine, StepReport
 from mulan.radiance.split_step import BatchPart, ParameterGradients, SplitStepEngine
 from mulan.reconstruction.checkpoint import Progress
-from mulan.reconstruction.dataset import ImageTensors
 from mulan.reconstruction.gradient_sum import GradientSum
+from mulan.reconstruction.posed_pixels import PosedPixels
 from mulan.reconstruction.process_group import ProcessGroup
 
 
@@ -42,7 +42,7 @@ class DataParallel:
         self._owed_s = 0.0
 
     def step(
-        self, data: ImageTensors, rays: int, sampler: torch.Generator, learning_rate_factor: float
+        self, data: PosedPixels, rays: int, sampler: torch.Generator, learning_rate_factor: float
     ) -> tuple[StepReport, float]:
         """One optimiser step on the joint batch.
 

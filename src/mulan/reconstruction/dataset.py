@@ -8,13 +8,13 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from mulan.geometry.camera import PinholeCamera
+from mulan.errors import InputError
 from mulan.radiance.engine import RayBatch
-from mulan.radiance.split_step import BatchPart
 from mulan.reconstruction.captured_image import CapturedImage
+from mulan.reconstruction.posed_pixels import PosedPixels, first_directions
 
 
-class ImageTensors:
+class ImageTensors(PosedPixels):
     """Photographs flattened pixel by pixel; colours stay 8-bit, directions are kept once a camera.
 
     Attributes:
@@ -24,39 +24,33 @@ class ImageTensors:
     """
 
     def __init__(
-        self, images: Sequence[CapturedImage], weight_maps: Sequence[Float[Tensor, "h w"]] | None = None
+        self, images: Sequence[CapturedImage], weight_maps: Sequence[Float[Tensor, "_ _"]] | None = None
     ) -> None:
         """Gather the pixels of ``images``; a weight map each, or all ones.
 
         Raises:
             ValueError: There is no image, or a map's size is not its image's.
+            InputError: A pose, covariance, lens or weight is not a finite number.
         """
-        if not images:
-            raise ValueError("no images")
-        self.images = tuple(images)
+        super().__init__(images)
         sizes = [image.colour.shape[:2] for image in self.images]
-        if weight_maps is not None and [tuple(m.shape) for m in weight_maps] != [tuple(s) for s in sizes]:
-            raise ValueError("weight maps and images differ in size")
+        maps = weight_maps or [torch.ones(h, w) for h, w in sizes]
+        for image, weight_map in zip(self.images, maps, strict=True):
+            check_weight_map(image, weight_map)
         counts = torch.tensor([h * w for h, w in sizes])
-        self._first_pixel = torch.cat([torch.zeros(1, dtype=torch.long), counts.cumsum(0)])
         self._image_of_pixel = torch.repeat_interleave(torch.arange(len(counts)), counts).to(torch.int32)
         self._colour = torch.from_numpy(
             np.concatenate([image.colour.reshape(-1, 3) for image in self.images])
         )
-        maps = weight_maps or [torch.ones(h, w) for h, w in sizes]
         self.weights = torch.cat([m.reshape(-1).float() for m in maps])
-        poses = np.stack([image.T_world_camera for image in self.images])
-        self.T_world_camera = torch.from_numpy(poses).float()
-        self._directions, table_start = _direction_tables([image.camera for image in self.images])
+        cameras, table_start = first_directions([image.camera for image in self.images])
+        tables = [torch.from_numpy(camera.pixel_directions().reshape(-1, 3)).float() for camera in cameras]
+        self._directions = torch.cat(tables)
         # added to a global pixel number this gives the row of its direction
         self._direction_shift = table_start - self._first_pixel[:-1]
         # pixels of weight zero are never drawn
         self._drawable = (self.weights > 0).nonzero()[:, 0]
         self._every_pixel_drawable = len(self._drawable) == len(self.weights)
-
-    def __len__(self) -> int:
-        """Number of images."""
-        return len(self.images)
 
     @property
     def drawable_pixels(self) -> int:
@@ -64,17 +58,14 @@ class ImageTensors:
         return len(self._drawable)
 
     def fingerprint(self) -> str:
-        """Short digest of colours, weights, poses and lenses: two sets that differ in any differ in it."""
-        digest = hashlib.sha256()
-        for tensor in (self._colour, self.weights, self.T_world_camera, self._directions):
-            digest.update(tensor.contiguous().numpy().tobytes())
-        return digest.hexdigest()[:16]
-
-    def sample(self, rays: int, generator: torch.Generator, part: BatchPart | None = None) -> RayBatch:
-        """Pixels drawn uniformly, with replacement, among those of positive weight; of these, a part."""
-        pixel = torch.randint(len(self._drawable), (rays,), generator=generator)
-        pixel = pixel if part is None else part.of(pixel)
-        return self.rays(pixel if self._every_pixel_drawable else self._drawable[pixel])
+        """See :class:`PosedPixels`."""
+        colours = hashlib.sha256()
+        for image in self.images:
+            colours.update(image.colour_and_alpha.data)
+        colours.update(bytes([image.alpha is not None for image in self.images]))
+        weights = hashlib.sha256(self.weights.contiguous().numpy().data).hexdigest()
+        directions = hashlib.sha256(self._directions.contiguous().numpy().data).hexdigest()
+        return fingerprint_of(colours.hexdigest(), weights, directions, self.T_world_camera)
 
     def rays(self, pixel: Int[Tensor, "r"]) -> RayBatch:
         """Rays of pixels numbered through all images, row by row."""
@@ -90,19 +81,28 @@ class ImageTensors:
             image_index=image,
         )
 
-    def image_rays(self, image: int) -> RayBatch:
-        """Every ray of one image, row by row."""
-        return self.rays(torch.arange(int(self._first_pixel[image]), int(self._first_pixel[image + 1])))
+    def _drawn(self, number: Int[Tensor, "r"]) -> Int[Tensor, "r"]:
+        return number if self._every_pixel_drawable else self._drawable[number]
 
 
-def _direction_tables(cameras: Sequence[PinholeCamera]) -> tuple[Float[Tensor, "n 3"], Int[Tensor, "images"]]:
-    """Camera-frame directions of the distinct cameras one after another, and where each image's begin."""
-    start: dict[PinholeCamera, int] = {}
-    tables: list[Tensor] = []
-    rows = 0
-    for camera in cameras:
-        if camera not in start:
-            start[camera] = rows
-            tables.append(torch.from_numpy(camera.pixel_directions().reshape(-1, 3)).float())
-            rows += len(tables[-1])
-    return torch.cat(tables), torch.tensor([start[camera] for camera in cameras])
+def check_weight_map(image: CapturedImage, weight_map: Float[Tensor, "h w"]) -> None:
+    """Refuse weights that are of another size, negative or not finite.
+
+    Raises:
+        ValueError: The size is not the image's.
+        InputError: A weight is negative, NaN or infinite; the sentence names the photograph.
+    """
+    if tuple(weight_map.shape) != tuple(image.colour.shape[:2]):
+        raise ValueError("weight maps and images differ in size")
+    if not (torch.isfinite(weight_map).all() and (weight_map >= 0).all()):
+        raise InputError(
+            image.posed.path, "weights", "are negative, NaN or infinite", "use another weighting"
+        )
+
+
+def fingerprint_of(
+    colours: str, weights: str, directions: str, T_world_camera: Float[Tensor, "n 4 4"]
+) -> str:
+    """Digest of a set from the digests of its parts and its poses."""
+    poses = T_world_camera.contiguous().numpy().tobytes()
+    return hashlib.sha256(f"{colours} {weights} {directions} ".encode() + poses).hexdigest()[:16]

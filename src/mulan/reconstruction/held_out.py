@@ -14,9 +14,10 @@ from mulan.mission.run_folder import RunFolder, write_atomically
 from mulan.radiance.engine import RadianceEngine, Rendering
 from mulan.reconstruction.captured_image import CapturedImage
 from mulan.reconstruction.dataset import ImageTensors
+from mulan.reconstruction.posed_pixels import PosedPixels
 
 
-def psnr_db(engine: RadianceEngine, images: ImageTensors, index: int) -> float:
+def psnr_db(engine: RadianceEngine, images: PosedPixels, index: int) -> float:
     """Peak signal-to-noise ratio of one rendered view against its photograph (colours in [0, 1])."""
     rays = images.image_rays(index)
     return _psnr_db(engine.render(rays.origins, rays.directions).colour, rays.colours)
@@ -40,11 +41,11 @@ def evaluate_held_out(
     """
     if not test:
         return {"psnr_db": None, "ssim": None, "views": []}
-    images = ImageTensors(test)
     kept = {int(i) for i in np.linspace(0, len(test) - 1, min(keep, len(test))).round()} if keep else set()
     views = []
     for i, image in enumerate(test):
-        rays = images.image_rays(i)
+        # one at a time: all of them together may not fit into memory
+        rays = ImageTensors([image]).image_rays(0)
         rendering = engine.render(rays.origins, rays.directions)
         h, w = image.colour.shape[:2]
         view = {

@@ -102,14 +102,15 @@ class ProcessGroup:
 
     @contextmanager
     def leader_first(self) -> Iterator[None]:
-        """A stretch the leader finishes before the others begin it, so that they find its files."""
-        if not self.leads:
-            self.wait_for_all()
-        try:
-            yield
-        finally:
-            if self.leads:
+        """As :meth:`all_or_none`; the leader is done before the others begin, so they find its files."""
+        with self.all_or_none():
+            if not self.leads:
                 self.wait_for_all()
+            try:
+                yield
+            finally:
+                if self.leads:
+                    self.wait_for_all()
 
     def _told(self, error: Exception) -> tuple[str, str, str, str]:
         if isinstance(error, InputError):

@@ -4,7 +4,6 @@ import hashlib
 import json
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import asdict
 from typing import Any
 
 from mulan.mission.posed_images import PosedImage, PosedImageSet
@@ -82,7 +81,7 @@ def _finished(run: RunFolder, made_from: str) -> dict[str, Any] | None:
 
 def fingerprint(images: PosedImageSet, weighting: Weighting, config: TrainConfig) -> str:
     """A digest of everything a reconstruction depends on: image files, poses, covariances, options."""
-    digest = hashlib.sha256(f"{weighting} {json.dumps(asdict(config), sort_keys=True)}".encode())
+    digest = hashlib.sha256(f"{weighting} {json.dumps(config.what_is_learnt(), sort_keys=True)}".encode())
     for image in (*images.train, *images.test):
         digest.update(_image_bytes(image))
     return digest.hexdigest()[:16]

@@ -1,7 +1,9 @@
 """Options of a training."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
 
 from mulan.radiance.config import FieldConfig
 
@@ -26,8 +28,19 @@ class TrainConfig:
     """Seconds of learning between points of the training curve."""
     checkpoint_every_s: float = 10.0
     """Seconds of learning between checkpoints."""
+    image_memory_share: float = 0.5
+    """Share of the free memory decoded photographs may take; larger sets are decoded into files instead."""
+    image_cache: Path | None = None
+    """Folder for those files; 'decoded' in the run folder if not given."""
     field: FieldConfig | None = None
     """Sizes of the field; chosen from image size and number of views if not given."""
+
+    def what_is_learnt(self) -> dict[str, Any]:
+        """The options the result depends on, not those on reports and files."""
+        options = asdict(self)
+        for name in ("evaluate_every_s", "checkpoint_every_s", "image_memory_share", "image_cache"):
+            del options[name]
+        return options
 
     def fraction_done(self, steps: int, seconds: float) -> float:
         """Share of the training behind us, 1 when it is over."""

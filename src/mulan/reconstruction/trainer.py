@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -13,13 +13,15 @@ from mulan.errors import InputError
 from mulan.mission.posed_images import PosedImageSet
 from mulan.mission.run_folder import RunFolder, write_json
 from mulan.radiance.engine import RadianceEngine
-from mulan.reconstruction.captured_image import CapturedImage, load_captured
+from mulan.reconstruction.captured_image import CapturedImage
 from mulan.reconstruction.checkpoint import Progress, read_checkpoint, write_checkpoint
 from mulan.reconstruction.data_parallel import DataParallel
 from mulan.reconstruction.dataset import ImageTensors
 from mulan.reconstruction.field_choice import choose_field, choose_march
 from mulan.reconstruction.field_file import FieldDescription, save_field
 from mulan.reconstruction.held_out import psnr_db
+from mulan.reconstruction.photographs import load_photographs
+from mulan.reconstruction.posed_pixels import PosedPixels
 from mulan.reconstruction.process_group import ProcessGroup
 from mulan.reconstruction.scene_space import choose_space
 from mulan.reconstruction.train_config import TrainConfig
@@ -119,12 +121,12 @@ def _prepare(
 ) -> tuple["_Loop", FieldDescription]:
     """The photographs in memory and an untrained field."""
     _check(images, config)
-    captured = load_captured(images.train, config.image_size)
-    test = load_captured(images.test, config.image_size)
+    photographs = load_photographs(images, config, run.root / "decoded", group)
+    captured, test = photographs.train, photographs.test
     space = choose_space(captured)
     field = config.field or choose_field(config.image_size, len(captured), space.unbounded)
     description = FieldDescription(field, choose_march(config.image_size), space, not space.unbounded)
-    data = ImageTensors(captured, weighting.weight_maps(captured, space))
+    data = photographs.with_weights(weighting, space)
     if not data.drawable_pixels:
         raise InputError(images.source, "weights", "are zero everywhere", "use weights that keep some images")
     engine = description.new_engine(config.seed)
@@ -140,7 +142,7 @@ class _Loop:
         self,
         config: TrainConfig,
         engine: RadianceEngine,
-        data: ImageTensors,
+        data: PosedPixels,
         test: tuple[CapturedImage, ...],
         run: RunFolder,
         identity: dict[str, Any],
@@ -249,6 +251,7 @@ def _check(images: PosedImageSet, config: TrainConfig) -> None:
         ("--time-budget-s", config.time_budget_s),
         ("--image-size", config.image_size),
         ("--batch-samples", config.batch_samples),
+        ("--image-memory-share", config.image_memory_share),
         ("--steps", 1 if config.steps is None else config.steps),
     ):
         if not (math.isfinite(value) and value > 0):
@@ -256,12 +259,11 @@ def _check(images: PosedImageSet, config: TrainConfig) -> None:
 
 
 def _identity(
-    config: TrainConfig, weighting: Weighting, description: FieldDescription, data: ImageTensors
+    config: TrainConfig, weighting: Weighting, description: FieldDescription, data: PosedPixels
 ) -> dict[str, Any]:
     """What must be the same for a training to be resumed; how often it reports may change."""
-    options = asdict(config)
-    for name in ("evaluate_every_s", "checkpoint_every_s", "field"):
-        del options[name]
+    options = config.what_is_learnt()
+    del options["field"]  # part of the description
     return {
         **options,
         "weighting": f"{weighting}",

@@ -1,0 +1,81 @@
+"""Pixels of posed photographs, ready to be drawn at random as rays, wherever they are kept."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from jaxtyping import Int
+from torch import Tensor
+
+from mulan.geometry.camera import PinholeCamera
+from mulan.radiance.engine import RayBatch
+from mulan.radiance.split_step import BatchPart
+from mulan.reconstruction.captured_image import CapturedImage, check_posed
+
+
+class PosedPixels(ABC):
+    """Photographs as rays; pixels are numbered through all images, row by row.
+
+    Attributes:
+        images: The photographs.
+        T_world_camera: Camera poses, float32; replace them to learn from corrected poses.
+    """
+
+    def __init__(self, images: Sequence[CapturedImage]) -> None:
+        """Place the pixels of ``images``.
+
+        Raises:
+            ValueError: There is no image.
+            InputError: A pose, covariance or lens holds NaN or infinity.
+        """
+        if not images:
+            raise ValueError("no images")
+        self.images = tuple(images)
+        for image in self.images:
+            check_posed(image.posed, image.camera)
+        counts = torch.tensor([image.colour.shape[0] * image.colour.shape[1] for image in self.images])
+        self._first_pixel = torch.cat([torch.zeros(1, dtype=torch.long), counts.cumsum(0)])
+        poses = np.stack([image.T_world_camera for image in self.images])
+        self.T_world_camera = torch.from_numpy(poses).float()
+
+    def __len__(self) -> int:
+        """Number of images."""
+        return len(self.images)
+
+    @property
+    @abstractmethod
+    def drawable_pixels(self) -> int:
+        """Pixels of positive weight."""
+
+    @abstractmethod
+    def fingerprint(self) -> str:
+        """Short digest of colours, weights, poses and lenses: two sets that differ in any differ in it."""
+
+    @abstractmethod
+    def rays(self, pixel: Int[Tensor, "r"]) -> RayBatch:
+        """Rays of pixels."""
+
+    @abstractmethod
+    def _drawn(self, number: Int[Tensor, "r"]) -> Int[Tensor, "r"]:
+        """Pixels by their number among those of positive weight."""
+
+    def sample(self, rays: int, generator: torch.Generator, part: BatchPart | None = None) -> RayBatch:
+        """Pixels drawn uniformly, with replacement, among those of positive weight; of these, a part."""
+        number = torch.randint(self.drawable_pixels, (rays,), generator=generator)
+        return self.rays(self._drawn(number if part is None else part.of(number)))
+
+    def image_rays(self, image: int) -> RayBatch:
+        """Every ray of one image, row by row."""
+        return self.rays(torch.arange(int(self._first_pixel[image]), int(self._first_pixel[image + 1])))
+
+
+def first_directions(cameras: Sequence[PinholeCamera]) -> tuple[list[PinholeCamera], Int[Tensor, "images"]]:
+    """The distinct cameras, and where each image's directions begin when theirs stand one after another."""
+    start: dict[PinholeCamera, int] = {}
+    rows = 0
+    for camera in cameras:
+        if camera not in start:
+            start[camera] = rows
+            rows += camera.width * camera.height
+    return list(start), torch.tensor([start[camera] for camera in cameras])
