@@ -127,7 +127,7 @@ def compare(options: Options, size: int) -> dict[str, Any]:
     for _ in range(options.repeats):
         [one] = run(options, size, 1, options.batch_samples)
         two = run(options, size, 2, options.batch_samples)
-        rate = [r["samples"] / max(p["wall_s"] for p in r) for r in ([one], two)]
+        rate = [r[0]["samples"] / max(p["wall_s"] for p in r) for r in ([one], two)]
         by_wall.append(rate[1] / rate[0])
         cpu = [r[0]["samples"] / max(p["cpu_s"] for p in r) for r in ([one], two)]
         by_cpu.append(cpu[1] / cpu[0])
@@ -168,7 +168,9 @@ def main(options: Options) -> None:
     for axis in axes:
         axis.legend(fontsize=7)
     where = result["provenance"]
-    figure.suptitle(f"{options.data.name}, seed {options.seed}, {where['date']}, {where['machine']}", fontsize=8)
+    figure.suptitle(
+        f"{options.data.name}, seed {options.seed}, {where['date']}, {where['machine']}", fontsize=8
+    )
     options.out.mkdir(parents=True, exist_ok=True)
     figure.savefig(options.out / "data_parallel.png", dpi=120, bbox_inches="tight")
     write_json(options.out / "metrics.json", result)
@@ -176,4 +178,4 @@ def main(options: Options) -> None:
 
 if __name__ == "__main__":
     given = tyro.cli(Options)
-    be_worker(given) if given.worker else main(given)
+    (be_worker if given.worker else main)(given)
