@@ -48,7 +48,7 @@ def rays_towards(n: int, distance: float, generator: torch.Generator) -> tuple[T
 
 @dataclass
 class Grid:
-    """Occupied cells [z, y, x] and what the library makes of them."""
+    """Occupied cells [cascade, z, y, x] and what the library makes of them."""
 
     cells: Tensor
     words: Tensor
@@ -56,12 +56,15 @@ class Grid:
 
 
 def pack(library: NativeLibrary, cells: Tensor) -> Grid:
-    side = cells.shape[0]
-    words = torch.zeros((side // 4) ** 3, dtype=torch.int64)
+    """A grid of cells [cascade, z, y, x], or [z, y, x] for a single one."""
+    cells = cells if cells.dim() == 4 else cells[None]
+    cascades, side = cells.shape[:2]
+    words = torch.zeros(cascades * (side // 4) ** 3, dtype=torch.int64)
     native = NativeOccupancy(words=address(words))
     check(
         library.functions.mulan_occupancy_pack(
             side,
+            cascades,
             address(cells),
             native.words,
             ctypes.addressof(native.lower),

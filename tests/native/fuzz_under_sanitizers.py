@@ -15,6 +15,7 @@ from mulan.radiance.kernels.native_structures import (
     NativeObjective,
     NativeOccupancy,
     NativeParameters,
+    NativePoses,
     NativeRays,
     NativeRendering,
     NativeScene,
@@ -38,7 +39,12 @@ def odd_rays(rng: np.random.Generator, n: int) -> NDArray:
 
 
 def run(
-    library: NativeLibrary, workspace: int, rng: np.random.Generator, unbounded: bool, steps: int
+    library: NativeLibrary,
+    workspace: int,
+    rng: np.random.Generator,
+    unbounded: bool,
+    steps: int,
+    cascades: int,
 ) -> None:
     c = library.functions
     n, side, levels, log2 = 300, 16, 3, 6
@@ -48,14 +54,15 @@ def run(
     field.resolution[:levels], field.dense[:levels] = [3, 9, 500], [1, 0, 0]
     field.level_weight[:levels] = [1.0] * levels
     scene = NativeScene(radius_m=1.0, near_radii=0.02, growth=4.8, min_transmittance=1e-4)
-    scene.unbounded, scene.steps, scene.occupancy_resolution = unbounded, steps, side
+    scene.unbounded, scene.steps = unbounded, steps
+    scene.occupancy_resolution, scene.cascades = side, cascades
     table = rng.normal(size=(levels, 2**log2, 2)).astype(np.float32)
     networks = rng.normal(size=c.mulan_network_parameters(field)).astype(np.float32)
-    occupied = (rng.random(side**3) < 0.5).astype(np.uint8)
-    words = np.zeros((side // 4) ** 3, np.uint64)
+    occupied = (rng.random(cascades * side**3) < 0.5).astype(np.uint8)
+    words = np.zeros(cascades * (side // 4) ** 3, np.uint64)
     occupancy = NativeOccupancy(words=at(words))
     bounds = ctypes.addressof(occupancy.lower), ctypes.addressof(occupancy.upper)
-    check(c.mulan_occupancy_pack(side, at(occupied), at(words), *bounds))
+    check(c.mulan_occupancy_pack(side, cascades, at(occupied), at(words), *bounds))
 
     rays6 = odd_rays(rng, n)
     origins, directions = np.ascontiguousarray(rays6[:, :3]), np.ascontiguousarray(rays6[:, 3:])
@@ -76,18 +83,22 @@ def run(
     check(c.mulan_sample(*context, parameters, rays, at(offsets), *(at(x) for x in samples)))
 
     gradients = [np.zeros_like(x) for x in (table, networks, origins, directions)]
-    objective = NativeObjective(at(colours), at(weights), None, 0.1, 1.0)
+    behind = rng.random((n, 3), np.float32)
+    objective = NativeObjective(at(colours), at(weights), None, at(behind), 0.1, 1.0)
+    objective.likelihood, objective.distortion_weight, objective.entropy_weight = cascades == 2, 0.1, 0.1
+    index = rng.integers(0, 4, n)
+    rotations, to_poses = rng.normal(size=(4, 3, 3)).astype(np.float32), np.zeros((4, 6), np.float32)
+    poses = NativePoses(4, at(index), at(rotations), at(to_poses))
     report = NativeStepReport()
     wanted = NativeGradients(*(at(x) for x in gradients))
     check(c.mulan_gradients(*context, parameters, rays, objective, wanted, rendering, report))
     moments = [np.zeros_like(x) for x in (table, table, networks, networks)]
     adam = NativeAdam(*(at(x) for x in moments), 1e-2, 1e-2, 0.9, 0.99, 1e-15, 1, 1)
-    ray_gradients = at(gradients[2]), at(gradients[3])
-    for _ in range(3):
+    for wanted_here in ((at(gradients[2]), at(gradients[3]), None), (None, None, poses), (None, None, None)):
         arrays = at(table), at(networks)
-        check(c.mulan_train_step(*context, *arrays, rays, objective, adam, *ray_gradients, report))
+        check(c.mulan_train_step(*context, *arrays, rays, objective, adam, *wanted_here, report))
 
-    opacity = np.zeros(side**3, np.float32)
+    opacity = np.zeros(cascades * side**3, np.float32)
     cells = at(occupied), at(opacity)
     check(c.mulan_occupancy_refresh(workspace, field, scene, parameters, 0.95, 3, 2, 1, 5, *cells))
     points = np.ascontiguousarray(odd_rays(rng, 777)[:, :3])
@@ -106,9 +117,9 @@ def main() -> None:
     rng = np.random.default_rng(0)
     # one workspace throughout: what a call leaves in it must not harm one of other sizes
     workspace = library.functions.mulan_workspace_create(3)
-    for steps in (40, 300, 7, 500):
-        run(library, workspace, rng, unbounded=False, steps=steps)
-        run(library, workspace, rng, unbounded=True, steps=steps)
+    for steps, cascades in ((40, 1), (300, 2), (7, 3), (500, 1)):
+        run(library, workspace, rng, unbounded=False, steps=steps, cascades=cascades)
+        run(library, workspace, rng, unbounded=True, steps=steps, cascades=cascades)
     library.functions.mulan_workspace_destroy(workspace)
     print("clean")
 

@@ -67,14 +67,17 @@ def split_networks(flat: Tensor, c: FieldConfig) -> list[Tensor]:
     return [p.view(s) for p, s in zip(parts, shapes, strict=True)]
 
 
-def networks(flat: Tensor, encoded: Tensor, d: Tensor, c: FieldConfig) -> tuple[Tensor, Tensor, Tensor]:
+def networks(
+    flat: Tensor, encoded: Tensor, d: Tensor, c: FieldConfig, variance_teaches_trunk: bool = False
+) -> tuple[Tensor, Tensor, Tensor]:
     """Log-density (before the offset), colour, colour variance."""
     d0, d1, c0, c1, c2, v = split_networks(flat, c)
     hidden = (encoded @ d0.T).relu()
     geometry = hidden @ d1.T
     h = (torch.cat([harmonics(d, c.harmonics_degree), geometry], -1) @ c0.T).relu()
     colour = ((h @ c1.T).relu() @ c2.T).sigmoid()
-    raw = torch.cat([hidden, geometry], -1).detach() @ v.T
+    head = torch.cat([hidden, geometry], -1)
+    raw = (head if variance_teaches_trunk else head.detach()) @ v.T
     return geometry[:, 0], colour, torch.nn.functional.softplus(raw)[:, 0] + FLOOR
 
 

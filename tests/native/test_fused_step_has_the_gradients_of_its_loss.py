@@ -1,142 +1,50 @@
 """The fused step against the same loss in double precision by autograd, at the same sample distances."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
 from mulan.geometry import se3
-from mulan.radiance.config import MarchConfig
 from mulan.radiance.kernels.native_buffers import address, native_field, native_scene
 from mulan.radiance.kernels.native_library import NativeLibrary, check
 from mulan.radiance.kernels.native_structures import (
     NativeGradients,
     NativeObjective,
     NativeParameters,
-    NativeRendering,
+    NativePoses,
     NativeStepReport,
 )
-from mulan.radiance.space import SceneSpace
+from mulan.radiance.loss import GaussianLikelihoodLoss, HuberLoss
 from tests.native import reference
-from tests.native.fields import (
-    FIELD,
-    Grid,
-    march,
-    native_rays,
-    pack,
-    random_networks,
-    random_table,
-    rays_towards,
-)
+from tests.native.fields import FIELD, native_rays
+from tests.native.step_problem import MARCH, RAYS, Costs, make_problem, native_answer
 
-RAYS = 60
-MARCH = MarchConfig(steps=48, occupancy_resolution=16, min_transmittance=1e-2)
-
-
-@dataclass
-class Problem:
-    space: SceneSpace
-    table: Tensor
-    networks: Tensor
-    origins: Tensor
-    directions: Tensor
-    colours: Tensor
-    weights: Tensor
-    grid: Grid
-    count: Tensor
-    t: Tensor
-    dt: Tensor
-
-    def reference_loss(
-        self, table: Tensor, networks: Tensor, o: Tensor, d: Tensor, huber: float
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        """Loss with the variance head's likelihood, loss alone, rendered colours."""
-        share = self.weights.double() / self.weights.double().sum()
-        t, dt = self.t.double(), self.dt.double()
-        on = torch.arange(t.shape[1]) < self.count[:, None]
-        points = (o[:, None] + t[..., None] * d[:, None])[on]
-        unit = reference.to_unit(points, self.space.radius_m, self.space.unbounded)
-        along = d[:, None].expand(-1, t.shape[1], -1)[on]
-        raw, colour, variance = reference.networks(
-            networks, reference.encode(unit, table, FIELD), along, FIELD
-        )
-        empty = torch.zeros_like(t)
-        depth = empty.masked_scatter(on, torch.exp(raw + reference.OFFSET) * dt[on] / self.space.radius_m)
-        blend = reference.blend(depth, MARCH.min_transmittance)
-        all_colours = empty[..., None].expand(-1, -1, 3).masked_scatter(on[..., None], colour)
-        rendered = (blend[..., None] * all_colours).sum(1) + 1 - blend.sum(1)[:, None]
-        error = rendered - self.colours.double()
-        size = error.abs()
-        cost = error**2 if huber == 0 else torch.where(size <= huber, size**2, huber * (2 * size - huber))
-        v = (blend.detach() ** 2 * empty.masked_scatter(on, variance)).sum(1) + 1e-4
-        likelihood = 0.5 * ((error**2).mean(-1).detach() / v + v.log())
-        plain = (share * cost.mean(-1)).sum()
-        return plain + (share * likelihood).sum(), plain, rendered
-
-
-def make_problem(library: NativeLibrary, unbounded: bool) -> Problem:
-    g = torch.Generator().manual_seed(5)
-    space = SceneSpace((0.0, 0.0, 0.0), 1.0, unbounded)
-    table, networks = random_table(g) * 2, random_networks(g, library)
-    networks[FIELD.width * 2 * FIELD.levels :][: FIELD.width] *= 4  # rays of every opacity
-    o, d = rays_towards(RAYS, 2.5 if not unbounded else 0.7, g)
-    grid = pack(library, torch.rand(16, 16, 16, generator=g) < 0.6)
-    weights = torch.rand(RAYS, generator=g)
-    weights[:5] = 0.0
-    count, t, dt = march(library, MARCH, space, grid, o, d)
-    return Problem(
-        space, table, networks, o, d, torch.rand(RAYS, 3, generator=g), weights, grid, count, t, dt
-    )
-
-
-@dataclass
-class Answer:
-    report: NativeStepReport
-    colour: Tensor
-    table: Tensor
-    networks: Tensor
-    origins: Tensor
-    directions: Tensor
-
-
-def native_answer(library: NativeLibrary, p: Problem, huber: float, threads: int = 2) -> Answer:
-    c = library.functions
-    workspace = c.mulan_workspace_create(threads)
-    out = [torch.zeros(RAYS, 3), *torch.zeros(3, RAYS).unbind(0)]
-    gradients = [torch.zeros_like(x) for x in (p.table, p.networks, p.origins, p.directions)]
-    report = NativeStepReport()
-    check(
-        c.mulan_gradients(
-            workspace,
-            native_field(FIELD),
-            native_scene(MARCH, p.space, True),
-            p.grid.native,
-            NativeParameters(address(p.table), address(p.networks)),
-            native_rays(p.origins, p.directions),
-            NativeObjective(address(p.colours), address(p.weights), None, huber, 1.0),
-            NativeGradients(*(address(x) for x in gradients)),
-            NativeRendering(*(address(x) for x in out)),
-            report,
-        )
-    )
-    c.mulan_workspace_destroy(workspace)
-    return Answer(report, out[0], *gradients)
+PLAIN = Costs()
+COSTS = {
+    "squared": PLAIN,
+    "huber": Costs(HuberLoss(0.2)),
+    "likelihood": Costs(GaussianLikelihoodLoss()),
+    "distortion": Costs(distortion=0.5),
+    "entropy": Costs(entropy=0.1),
+    "random background": Costs(
+        GaussianLikelihoodLoss(), 0.3, 0.2, torch.rand(RAYS, 3, generator=torch.Generator().manual_seed(1))
+    ),
+}
 
 
 def relative(got: Tensor, want: Tensor) -> float:
     return float((got.double() - want).norm() / want.norm())
 
 
-@pytest.mark.parametrize("huber", [0.0, 0.2])
+@pytest.mark.parametrize("costs", COSTS.values(), ids=COSTS.keys())
 @pytest.mark.parametrize("unbounded", [False, True], ids=["bounded", "unbounded"])
-def test_all_gradients_match_autograd(build: NativeLibrary, unbounded: bool, huber: float) -> None:
+def test_all_gradients_match_autograd(build: NativeLibrary, unbounded: bool, costs: Costs) -> None:
     p = make_problem(build, unbounded)
     leaves = [x.double().requires_grad_() for x in (p.table, p.networks, p.origins, p.directions)]
-    total, plain, colours = p.reference_loss(leaves[0], leaves[1], leaves[2], leaves[3], huber)
+    total, plain, colours = p.reference_loss(leaves[0], leaves[1], leaves[2], leaves[3], costs)
     total.backward()
-    got = native_answer(build, p, huber)
+    got = native_answer(build, p, costs)
     assert got.report.loss == pytest.approx(float(plain.detach()), rel=1e-4)
     assert got.report.rays == RAYS - 5
     marched = int(p.count[5:].sum())
@@ -157,9 +65,9 @@ def test_all_gradients_match_autograd(build: NativeLibrary, unbounded: bool, hub
 def test_the_variance_head_teaches_nothing_to_the_rest(library: NativeLibrary) -> None:
     p = make_problem(library, False)
     leaves = [x.double().requires_grad_() for x in (p.table, p.networks)]
-    _, plain, _ = p.reference_loss(leaves[0], leaves[1], p.origins.double(), p.directions.double(), 0.0)
+    _, plain, _ = p.reference_loss(leaves[0], leaves[1], p.origins.double(), p.directions.double(), PLAIN)
     plain.backward()
-    got = native_answer(library, p, 0.0)
+    got = native_answer(library, p, PLAIN)
     head = FIELD.width + FIELD.geometry_features
     assert relative(got.table, reference.gradient(leaves[0])) < 1e-3
     assert relative(got.networks[:-head], reference.gradient(leaves[1])[:-head]) < 1e-3
@@ -174,7 +82,7 @@ def test_pose_gradients_match_finite_differences_of_the_loss(library: NativeLibr
     image = torch.arange(RAYS) % 2
     d_camera = np.stack([poses[i, :3, :3].T @ x for i, x in zip(image, p.directions.numpy(), strict=True)])
     o = p.origins.double().numpy()
-    answer = native_answer(library, p, 0.0)
+    answer = native_answer(library, p, PLAIN)
     R = torch.tensor(poses[:, :3, :3], dtype=torch.float32).contiguous()
     out = torch.zeros(2, 6)
     check(
@@ -183,10 +91,7 @@ def test_pose_gradients_match_finite_differences_of_the_loss(library: NativeLibr
             address(p.directions),
             address(answer.origins),
             address(answer.directions),
-            address(image),
-            2,
-            address(R),
-            address(out),
+            NativePoses(2, address(image), address(R), address(out)),
         )
     )
 
@@ -198,7 +103,7 @@ def test_pose_gradients_match_finite_differences_of_the_loss(library: NativeLibr
         turned = np.stack([R_moved[i] @ d for i, d in zip(image, d_camera, strict=True)])
         moved = torch.tensor(o + shift[image.numpy()])
         return float(
-            p.reference_loss(p.table.double(), p.networks.double(), moved, torch.tensor(turned), 0.0)[1]
+            p.reference_loss(p.table.double(), p.networks.double(), moved, torch.tensor(turned), PLAIN)[1]
         )
 
     step = 1e-6
@@ -214,7 +119,7 @@ def test_pose_gradients_match_finite_differences_of_the_loss(library: NativeLibr
 
 def test_gradients_are_equal_bit_for_bit_at_any_number_of_threads(build: NativeLibrary) -> None:
     p = make_problem(build, False)
-    one, three = native_answer(build, p, 0.0, threads=1), native_answer(build, p, 0.0, threads=3)
+    one, three = native_answer(build, p, PLAIN, threads=1), native_answer(build, p, PLAIN, threads=3)
     assert one.report.loss == three.report.loss
     for name in ("colour", "table", "networks", "origins", "directions"):
         assert torch.equal(getattr(one, name), getattr(three, name))
@@ -223,7 +128,7 @@ def test_gradients_are_equal_bit_for_bit_at_any_number_of_threads(build: NativeL
 def test_a_given_colour_gradient_takes_the_place_of_the_loss(library: NativeLibrary) -> None:
     p = make_problem(library, True)
     leaves = [x.double().requires_grad_() for x in (p.origins, p.directions)]
-    _, _, colours = p.reference_loss(p.table.double(), p.networks.double(), leaves[0], leaves[1], 0.0)
+    _, _, colours = p.reference_loss(p.table.double(), p.networks.double(), leaves[0], leaves[1], PLAIN)
     upstream = torch.randn(RAYS, 3, generator=torch.Generator().manual_seed(0))
     colours.backward(upstream.double())
     got = [torch.zeros(RAYS, 3), torch.zeros(RAYS, 3)]

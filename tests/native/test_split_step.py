@@ -11,9 +11,10 @@ from mulan.radiance.engine import RayBatch
 from mulan.radiance.kernels.native_grid import NativeGridConfig
 from mulan.radiance.kernels.native_library import NativeLibrary
 from mulan.radiance.native_engine import NativeConfig, NativeEngine
+from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.radiance.space import SceneSpace
 from mulan.radiance.split_step import BatchPart, ParameterGradients, SplitStepEngine
-from mulan.radiance.torch_engine import OptimiserConfig, TorchEngine
+from mulan.radiance.torch_engine import TorchEngine
 from tests.native.spheres import batch_around
 
 FIELD = FieldConfig(levels=4, log2_table_size=10, finest_resolution=48, width=16, geometry_features=8)

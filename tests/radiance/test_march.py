@@ -9,7 +9,7 @@ from mulan.radiance.space import SceneSpace
 BOX = SceneSpace((1.0, 2.0, 3.0), 2.0, unbounded=False)
 WORLD = SceneSpace((1.0, 2.0, 3.0), 2.0, unbounded=True)
 MARCH = MarchConfig(steps=64, occupancy_resolution=8)
-FULL = torch.ones(8, 8, 8, dtype=torch.bool)
+FULL = torch.ones(1, 8, 8, 8, dtype=torch.bool)
 
 
 def random_rays(n=50, seed=0, reach_m=6.0):
@@ -39,8 +39,8 @@ def test_rays_that_miss_the_box_get_no_sample():
 
 
 def test_only_occupied_cells_are_sampled():
-    occupied = torch.zeros(8, 8, 8, dtype=torch.bool)
-    occupied[2, 5, 6] = True  # z, y, x
+    occupied = torch.zeros(1, 8, 8, 8, dtype=torch.bool)
+    occupied[0, 2, 5, 6] = True  # cascade, z, y, x
     low = torch.tensor([6.0, 5.0, 2.0]) / 8
     centre = BOX.to_world(low[None] + 1 / 16)
     origins, _ = random_rays()

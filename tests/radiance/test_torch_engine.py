@@ -3,8 +3,10 @@ import torch
 
 from mulan.radiance.config import FieldConfig, MarchConfig
 from mulan.radiance.engine import RayBatch
+from mulan.radiance.loss import GaussianLikelihoodLoss, HuberLoss
+from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.radiance.space import SceneSpace
-from mulan.radiance.torch_engine import OptimiserConfig, TorchEngine
+from mulan.radiance.torch_engine import TorchEngine
 
 FIELD = FieldConfig(levels=4, log2_table_size=11, base_resolution=8, finest_resolution=48, width=16)
 MARCH = MarchConfig(steps=48, occupancy_resolution=16)
@@ -59,7 +61,7 @@ def test_density_is_high_on_the_surface_and_zero_outside_the_box(trained):
 
 
 def test_occupancy_drops_empty_cells_and_keeps_the_cube(trained):
-    occupied = trained.state()["occupancy.occupied"]
+    occupied = trained.state()["occupancy.occupied"][0]
     assert occupied.float().mean() < 0.6
     assert occupied[4:12, 4:12, 11].float().mean() > 0.9  # cells of the face x = 0.5 from inside
 
@@ -107,6 +109,84 @@ def test_variance_loss_leaves_the_trunk_untouched():
     trunk = ["table", "density_hidden", "density_out", "colour_hidden_0", "colour_out"]
     assert all(torch.equal(a[name], b[name]) for name in trunk)
     assert not torch.equal(a["variance_out"], b["variance_out"])
+
+
+def test_a_likelihood_as_colour_loss_teaches_the_trunk_through_the_variance():
+    states = []
+    for scale in (1.0, 3.0):
+        engine = new_engine(loss=GaussianLikelihoodLoss())
+        with torch.no_grad():
+            engine.field.variance_out.mul_(scale)
+        train(engine, 3)
+        states.append(engine.state())
+    assert not torch.equal(states[0]["density_hidden"], states[1]["density_hidden"])
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"loss": HuberLoss(0.1)},
+        {"loss": GaussianLikelihoodLoss()},
+        {"distortion_weight": 1e-2},
+        {"entropy_weight": 1e-2},
+    ],
+)
+def test_every_loss_is_learnt_down(options):
+    losses = [report.loss for report in train(new_engine(**options), 60)]
+    assert sum(losses[-10:]) < sum(losses[:10])
+
+
+def test_pose_gradients_match_finite_differences_of_the_loss():
+    """In double precision and an unbounded scene, where a sample's distance does not depend on the ray."""
+    space = SceneSpace((0.0, 0.0, 0.0), 1.5, unbounded=True)
+    batch = coloured_cube_rays(60, torch.Generator().manual_seed(0))
+    image = torch.arange(60) % 2
+    R = torch.linalg.qr(
+        torch.randn(2, 3, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
+    ).Q
+
+    def loss(xi):
+        engine = new_engine(
+            space=space, distortion_weight=0.1, table_learning_rate=0.0, network_learning_rate=0.0
+        )
+        engine.field.double()
+        turn, shift = (torch.einsum("iab,ib->ia", R, part)[image] for part in xi.split(3, 1))
+        d = batch.directions.double()
+        moved = RayBatch(
+            batch.origins.double() + shift,
+            d + torch.cross(turn, d, dim=-1),
+            batch.colours.double(),
+            batch.weights.double(),
+            image,
+        )
+        report, gradient = engine.train_step_with_pose_gradients(moved, 1.0, R)
+        return report.loss, gradient
+
+    _, gradient = loss(torch.zeros(2, 6, dtype=torch.float64))
+    for camera in range(2):
+        for axis in range(6):
+            step = torch.zeros(2, 6, dtype=torch.float64)
+            step[camera, axis] = 1e-6
+            slope = (loss(step)[0] - loss(-step)[0]) / 2e-6
+            assert float(gradient[camera, axis]) == pytest.approx(
+                slope, rel=1e-3, abs=1e-5 * float(gradient.abs().max())
+            )
+
+
+def test_random_backgrounds_need_opacities_and_leave_nothing_painted_in_the_air():
+    engine = new_engine(random_background=True)
+    batch = coloured_cube_rays(64, torch.Generator().manual_seed(0))
+    with pytest.raises(ValueError, match="opacity"):
+        engine.train_step(batch, 1.0)
+    # a white object before white: without random backgrounds nothing shows that it is there
+    hit = (batch.colours < 1).any(-1).float()
+    white = RayBatch(
+        batch.origins, batch.directions, torch.ones(64, 3), torch.ones(64), batch.image_index, hit
+    )
+    for _ in range(60):
+        engine.train_step(white, 1.0)
+    opacity = engine.render(batch.origins, batch.directions).opacity
+    assert opacity[hit > 0].mean() > opacity[hit == 0].mean() + 0.3
 
 
 def test_rays_of_zero_weight_change_nothing():

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -68,3 +70,14 @@ def test_fingerprint_tells_sets_apart(tmp_path):
     captured = load_captured(cube_images(tmp_path, train=2).train, None)
     plain, weighted = ImageTensors(captured), ImageTensors(captured, [torch.full((24, 24), 0.5)] * 2)
     assert plain.fingerprint() == ImageTensors(captured).fingerprint() != weighted.fingerprint()
+
+
+def test_rays_carry_the_coverage_of_their_pixel_where_every_image_has_one(tmp_path):
+    captured = load_captured(cube_images(tmp_path, train=2).train, None)
+    batch = ImageTensors(captured).image_rays(1)
+    alpha = captured[1].alpha
+    assert alpha is not None
+    assert batch.opacity is not None
+    torch.testing.assert_close(batch.opacity, torch.from_numpy(alpha).view(-1).float() / 255)
+    opaque = replace(captured[1], alpha=None)
+    assert ImageTensors([captured[0], opaque]).image_rays(0).opacity is None

@@ -68,6 +68,8 @@ def assert_same_rays(a: PosedPixels, b: PosedPixels) -> None:
     for left, right in batches:
         for name in ("origins", "directions", "colours", "weights", "image_index"):
             assert torch.equal(getattr(left, name), getattr(right, name)), name
+        assert (left.opacity is None) == (right.opacity is None)
+        assert left.opacity is None or right.opacity is None or torch.equal(left.opacity, right.opacity)
 
 
 @pytest.mark.parametrize("weighting", [NoWeights(), UNCERTAIN])

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import tyro
 from rich.table import Table
 
+from mulan.cli import evaluate_engine
 from mulan.cli.progress import console, progress_stages
 from mulan.cli.simulate import describe
 from mulan.errors import InputError
@@ -24,7 +25,10 @@ from mulan.simulation.recording import SensorConfig
 from mulan.simulation.timeline import TourConfig
 from mulan.wireless.bearing import BearingConfig
 
-EXPERIMENTS = {"two-robot": "True poses, wireless poses, wireless poses with weights, on one mission."}
+EXPERIMENTS = {
+    "engine": "Quality against training time, throughput and memory, beside torch and the peers.",
+    "two-robot": "True poses, wireless poses, wireless poses with weights, on one mission.",
+}
 
 _TITLES = {
     "oracle": "A  true poses",
@@ -118,6 +122,8 @@ def main(arguments: Sequence[str]) -> int:
         raise InputError(
             "mulan evaluate", f"experiment '{name}'", "is unknown", f"choose from {', '.join(EXPERIMENTS)}"
         )
+    if name == "engine":
+        return evaluate_engine.main(rest)
     options = tyro.cli(TwoRobotOptions, args=rest, prog="mulan evaluate two-robot")
     two_robot(options)
     run = RunFolder(options.out)

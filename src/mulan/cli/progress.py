@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import timedelta
 
 from rich.console import Console
 from rich.progress import (
@@ -27,23 +28,27 @@ _PLAIN_INTERVAL_S = 20.0  # how often a log file without a terminal hears of a l
 def _columns() -> tuple:
     return (
         SpinnerColumn(),
-        TextColumn("{task.description:<28}"),
-        BarColumn(bar_width=24),
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=12),
         TimeElapsedColumn(),
-        TimeRemainingColumn(),
+        TextColumn("ETA"),
+        TimeRemainingColumn(compact=True),
         TextColumn("[dim]{task.fields[text]}"),
     )
 
 
 def _plain(title: str) -> ReportProgress:
     console.print(f"{title} ...")
-    last = time.monotonic()
+    began = last = time.monotonic()
 
     def report(done: float, total: float, text: str) -> None:
         nonlocal last
-        if time.monotonic() - last > _PLAIN_INTERVAL_S:
-            last = time.monotonic()
-            console.print(f"  {title}: {100 * done / max(total, 1e-9):.0f} % {text}")
+        now = time.monotonic()
+        if now - last > _PLAIN_INTERVAL_S:
+            last = now
+            share = done / max(total, 1e-9)
+            left = f"ETA {timedelta(seconds=round((now - began) * (1 / share - 1)))}, " if share > 0 else ""
+            console.print(f"  {title}: {100 * share:.0f} %, {left}{text}".rstrip(", "))
 
     return report
 

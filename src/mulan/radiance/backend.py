@@ -6,6 +6,7 @@ from mulan.radiance.config import FieldConfig, MarchConfig
 from mulan.radiance.engine import RadianceEngine
 from mulan.radiance.kernels.native_library import find_native_library
 from mulan.radiance.native_engine import NativeEngine
+from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.radiance.space import SceneSpace
 from mulan.radiance.torch_engine import TorchEngine
 
@@ -18,11 +19,16 @@ WITHOUT_NATIVE = (
 
 
 def new_engine(
-    field: FieldConfig, march: MarchConfig, space: SceneSpace, white_background: bool, seed: int
+    field: FieldConfig,
+    march: MarchConfig,
+    space: SceneSpace,
+    white_background: bool,
+    seed: int,
+    optimiser: OptimiserConfig | None = None,
 ) -> RadianceEngine:
     """An untrained field on the best backend there is; the first log line says what was lost without it."""
     library, reason = find_native_library()
     if library is None:
         _log.warning("no native engine (%s): %s", reason, WITHOUT_NATIVE)
-        return TorchEngine(field, march, space, white_background, seed)
-    return NativeEngine(field, march, space, white_background, seed)
+        return TorchEngine(field, march, space, white_background, seed, optimiser)
+    return NativeEngine(field, march, space, white_background, seed, optimiser)

@@ -42,6 +42,9 @@ class FieldConfig:
         return self.levels * self.features
 
 
+MAX_CASCADES = 8
+
+
 @dataclass(frozen=True)
 class MarchConfig:
     """How rays are sampled and composited."""
@@ -49,13 +52,30 @@ class MarchConfig:
     steps: int = 256
     """Steps across the diagonal of a bounded scene, or along an unbounded ray."""
     occupancy_resolution: int = 64
-    """Cells a side of the occupancy grid."""
+    """Cells a side of each occupancy grid; a multiple of 16 where there are several."""
+    cascades: int = 1
+    """Nested occupancy grids about the scene's centre, each twice as wide as the one inside it; the widest
+    covers everything. Two give the inside of an unbounded scene a grid of its own."""
     occupancy_threshold: float = 0.01
     """Cells whose opacity over one step falls below this are skipped."""
-    least_opacity: float = 0.03
+    least_opacity: float = 0.02
     """Samples of an unbounded ray thinner than this count as empty once the grid is warm, which leaves more
-    time for the rest (nerfacc's ``alpha_thre``)."""
+    time for the rest (nerfacc's ``alpha_thre``); compared by ``benchmarks/unbounded.py``."""
     min_transmittance: float = 1e-4
     """Samples behind this transmittance are dropped."""
     max_samples_per_ray: int = 1024
     """Hard bound on a ray's samples."""
+
+    def __post_init__(self) -> None:
+        """Refuse grids that do not nest.
+
+        Raises:
+            ValueError: There is no grid, or cells of one would straddle the rim of the one inside it.
+        """
+        if not 1 <= self.cascades <= MAX_CASCADES:
+            raise ValueError(f"cascades must be 1 to {MAX_CASCADES}, not {self.cascades}")
+        if self.cascades > 1 and self.occupancy_resolution % 16:
+            raise ValueError(
+                f"several cascades need an occupancy resolution that is a multiple of 16,"
+                f" not {self.occupancy_resolution}"
+            )

@@ -18,6 +18,8 @@ class RayBatch:
         colours: Target colours in [0, 1], already over the background where the scene has one.
         weights: Trust in each ray; zero means the ray is ignored.
         image_index: Which image each ray came from.
+        opacity: Coverage of each ray's pixel by the object, where known; only learning before random
+            backgrounds needs it.
     """
 
     origins: Float[Tensor, "r 3"]
@@ -25,6 +27,7 @@ class RayBatch:
     colours: Float[Tensor, "r 3"]
     weights: Float[Tensor, "r"]
     image_index: Int[Tensor, "r"]
+    opacity: Float[Tensor, "r"] | None = None
 
     def check_finite(self) -> None:
         """Refuse NaN and infinity before a kernel sees them; the colour of an ignored ray may be anything.
@@ -35,6 +38,8 @@ class RayBatch:
         check_finite(origins=self.origins, directions=self.directions, weights=self.weights)
         if not torch.isfinite(self.colours.sum()):
             check_finite(colours=self.colours[self.weights > 0])
+        if self.opacity is not None:
+            check_finite(opacity=self.opacity)
 
 
 def check_finite(**arrays: Tensor) -> None:

@@ -12,20 +12,22 @@ from mulan.radiance.engine import RayBatch, RaySamples, Rendering, StepReport, c
 from mulan.radiance.kernels.native_buffers import address, native_field, native_scene
 from mulan.radiance.kernels.native_grid import NativeGrid, NativeGridConfig
 from mulan.radiance.kernels.native_library import NativeLibrary, check, find_native_library
+from mulan.radiance.kernels.native_objective import native_objective
 from mulan.radiance.kernels.native_structures import (
     NativeAdam,
     NativeGradients,
     NativeObjective,
     NativeParameters,
+    NativePoses,
     NativeRays,
     NativeRendering,
     NativeStepReport,
 )
 from mulan.radiance.networks import RadianceField
-from mulan.radiance.ray_gradients import RayGradients
+from mulan.radiance.optimiser_config import OptimiserConfig
+from mulan.radiance.ray_gradients import RayGradients, native_poses
 from mulan.radiance.space import SceneSpace
 from mulan.radiance.split_step import BatchPart, ParameterGradients, SplitStepEngine
-from mulan.radiance.torch_engine import OptimiserConfig
 
 # Networks in the order in which the library keeps them, one after another.
 NETWORKS = (
@@ -110,6 +112,11 @@ class NativeEngine(SplitStepEngine):
         self._grid = NativeGrid(march, self.native_config.occupancy, self._c)
         self._steps = 0
 
+    @property
+    def occupied_share(self) -> float:
+        """Share of the occupancy cells in use that rays are sampled in."""
+        return self._grid.occupied_share
+
     def set_level_weights(self, weights: Float[Tensor, "levels"]) -> None:
         """Scale each level's features (coarse-to-fine); a level of weight 0 neither acts nor learns."""
         if len(weights) != self.field_config.levels or not bool(torch.isfinite(weights).all()):
@@ -118,7 +125,7 @@ class NativeEngine(SplitStepEngine):
 
     def train_step(self, batch: RayBatch, learning_rate_factor: float) -> StepReport:
         """One optimiser step; see :class:`RadianceEngine`."""
-        return self._train(batch, learning_rate_factor, None)
+        return self._train(batch, learning_rate_factor)
 
     def train_step_with_ray_gradients(
         self, batch: RayBatch, learning_rate_factor: float
@@ -138,8 +145,9 @@ class NativeEngine(SplitStepEngine):
         """First half of a step; see :class:`SplitStepEngine`."""
         values = torch.zeros(self.parameter_count) if out is None else out.zero_()
         first = part.first if part else 0
-        objective, _keep = self._objective(batch)
-        rays, _keep_too = self._rays(batch.origins, batch.directions, self._new_seed(), first)
+        batch.check_finite()
+        rays, _keep = self._rays(batch.origins, batch.directions, self._new_seed(), first)
+        objective, _kept = native_objective(batch, self.optimiser_config, self._scene, self._generator, part)
         table, networks = values.split([self._table.numel(), self._networks.numel()])
         wanted = NativeGradients(table=address(table), networks=address(networks))
         report = NativeStepReport()
@@ -168,6 +176,26 @@ class NativeEngine(SplitStepEngine):
     ) -> None:
         arrays = (address(x) for x in (value, mean, square, gradient))
         check(self._c.mulan_adam(value.numel(), *arrays, rate, *ADAM, self._steps + 1, skip))
+
+    def train_step_with_pose_gradients(
+        self, batch: RayBatch, learning_rate_factor: float, R_world_camera: Float[Tensor, "images 3 3"]
+    ) -> tuple[StepReport, Float[Tensor, "images 6"]]:
+        """One optimiser step, and the gradient of its loss, before the step, to each image's camera pose.
+
+        Args:
+            batch: Rays, of images numbered as the rotations are.
+            learning_rate_factor: Scales the base learning rates.
+            R_world_camera: Rotations of the cameras the rays start from.
+
+        Returns:
+            What the step did, and the gradient to a right perturbation (rotation rad, translation m), summed
+            in the order of the rays.
+
+        Raises:
+            ValueError: A ray's image has no rotation; nothing was changed.
+        """
+        poses, out, _keep = native_poses(batch.image_index, R_world_camera)
+        return self._train(batch, learning_rate_factor, poses=poses), out
 
     def ray_gradients(
         self,
@@ -273,10 +301,17 @@ class NativeEngine(SplitStepEngine):
         self._grid.restore(state["occupancy.opacity"], state["occupancy.occupied"], refreshes)
         self._generator.set_state(state["generator"])
 
-    def _train(self, batch: RayBatch, factor: float, gradients: RayGradients | None) -> StepReport:
-        objective, _keep = self._objective(batch)
-        rays, _keep_too = self._rays(batch.origins, batch.directions, self._new_seed())
+    def _train(
+        self,
+        batch: RayBatch,
+        factor: float,
+        gradients: RayGradients | None = None,
+        poses: NativePoses | None = None,
+    ) -> StepReport:
+        batch.check_finite()
+        rays, _keep = self._rays(batch.origins, batch.directions, self._new_seed())
         optimiser, config = self.optimiser_config, self.native_config
+        objective, _kept = native_objective(batch, optimiser, self._scene, self._generator)
         adam = NativeAdam(
             *(address(m) for m in (*self._table_moments, *self._network_moments)),
             optimiser.table_learning_rate * factor,
@@ -298,6 +333,7 @@ class NativeEngine(SplitStepEngine):
                 objective,
                 adam,
                 *ray_gradients,
+                poses,
                 report,
             )
         )
@@ -309,18 +345,6 @@ class NativeEngine(SplitStepEngine):
         if self._steps % self.optimiser_config.occupancy_every == 0:
             parts = self._workspace, self._field, self._scene, self._parameters()
             self._grid.refresh(*parts, self._new_seed())
-
-    def _objective(self, batch: RayBatch) -> tuple[NativeObjective, tuple]:
-        """What a step learns from, and the arrays that must outlive it."""
-        colours, weights = batch.colours.contiguous(), batch.weights.contiguous()
-        batch.check_finite()
-        objective = NativeObjective(
-            colours=address(colours, (len(colours), 3)),
-            weights=address(weights, (len(colours),)),
-            huber_delta=self.optimiser_config.huber_delta or 0.0,
-            variance_weight=1.0,
-        )
-        return objective, (colours, weights)
 
     def _new_seed(self) -> int:
         return int(torch.randint(2**62, (), generator=self._generator))

@@ -5,6 +5,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from mulan.radiance.config import MarchConfig
+from mulan.radiance.kernels.cascades import consulted_cells, unit_points
 from mulan.radiance.kernels.march import bounded_step_m, unbounded_step_m
 from mulan.radiance.space import SceneSpace
 
@@ -15,19 +16,20 @@ CELLS_A_REFRESH = 2**15
 class OccupancyGrid:
     """A decaying maximum of each cell's opacity over one step (instant-ngp, section E).
 
-    All cells are on until ``warm_up`` refreshes have seen the field. A refresh touches a random eighth or so
-    of the cells: half drawn from all, half from those that are on.
+    All cells that are consulted are on until ``warm_up`` refreshes have seen the field. A refresh touches a
+    random eighth or so of the cells: half drawn from all, half from those that are on.
 
     Attributes:
-        opacity: Running maximum of density times step, indexed [z, y, x].
-        occupied: Cells to sample.
+        opacity: Running maximum of density times step, indexed [cascade, z, y, x], finest cascade first.
+        occupied: Cells to sample; at first all that no finer cascade covers.
         refreshes: How many there have been.
     """
 
     def __init__(self, march: MarchConfig, space: SceneSpace, warm_up: int = 6) -> None:
-        side = march.occupancy_resolution
-        self.opacity = torch.zeros(side, side, side)
-        self.occupied = torch.ones(side, side, side, dtype=torch.bool)
+        self._consulted = consulted_cells(march)
+        self._consulted_cells = self._consulted.view(-1).nonzero()[:, 0]
+        self.opacity = torch.zeros(self._consulted.shape)
+        self.occupied = self._consulted.clone()
         self.refreshes = 0
         self._warm_up = warm_up
         self._march, self._space = march, space
@@ -38,11 +40,11 @@ class OccupancyGrid:
         return self.refreshes >= self._warm_up
 
     def choose_cells(self, generator: torch.Generator) -> Int[Tensor, "cells"]:
-        """Flat cells to refresh next: all of them during the warm-up."""
-        cells = self.opacity.numel()
-        if self.refreshes < self._warm_up or cells <= CELLS_A_REFRESH:
-            return torch.arange(cells)
-        anywhere = torch.randint(cells, (CELLS_A_REFRESH // 2,), generator=generator)
+        """Flat cells to refresh next: all that are consulted during the warm-up."""
+        cells = self._consulted_cells
+        if self.refreshes < self._warm_up or len(cells) <= CELLS_A_REFRESH:
+            return cells
+        anywhere = cells[torch.randint(len(cells), (CELLS_A_REFRESH // 2,), generator=generator)]
         on = self.occupied.view(-1).nonzero()[:, 0]
         if not len(on):
             return anywhere
@@ -51,9 +53,8 @@ class OccupancyGrid:
 
     def points_in(self, cells: Int[Tensor, "cells"], generator: torch.Generator) -> Float[Tensor, "cells 3"]:
         """One random point of the unit cube in each cell."""
-        side = self.opacity.shape[0]
-        corner = torch.stack([cells % side, cells // side % side, cells // side**2], -1)
-        return (corner + torch.rand(len(cells), 3, generator=generator)) / side
+        within = torch.rand(len(cells), 3, generator=generator)
+        return unit_points(cells, within, *self.opacity.shape[:2])
 
     def step_m(self, unit: Float[Tensor, "cells 3"]) -> Float[Tensor, "cells"]:
         """Step length a ray from the scene centre would take there."""
@@ -76,5 +77,6 @@ class OccupancyGrid:
         flat.scatter_reduce_(0, cells, value, "amax")
         self.refreshes += 1
         if self.is_warm:
-            threshold = min(self._march.occupancy_threshold, float(flat.mean()))
+            mean = float(flat.sum() / len(self._consulted_cells))
+            threshold = min(self._march.occupancy_threshold, mean)
             self.occupied = self.opacity > threshold

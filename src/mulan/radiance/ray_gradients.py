@@ -8,6 +8,7 @@ from torch import Tensor
 
 from mulan.radiance.kernels.native_buffers import address
 from mulan.radiance.kernels.native_library import NativeLibrary, check
+from mulan.radiance.kernels.native_structures import NativePoses
 
 
 @dataclass(frozen=True)
@@ -38,16 +39,18 @@ def pose_gradients(
     Raises:
         ValueError: An image index is out of range.
     """
-    out = torch.zeros(len(R_world_camera), 6)
-    arrays = [directions, gradients.origins, gradients.directions, image_index.long(), R_world_camera]
-    d, to_origins, to_directions, index, R = (x.contiguous() for x in arrays)
-    check(
-        library.functions.mulan_pose_gradients(
-            len(d),
-            *(address(x) for x in (d, to_origins, to_directions, index)),
-            len(R),
-            address(R),
-            address(out),
-        )
-    )
+    poses, out, _keep = native_poses(image_index, R_world_camera)
+    arrays = [x.contiguous() for x in (directions, gradients.origins, gradients.directions)]
+    shape = (len(image_index), 3)
+    check(library.functions.mulan_pose_gradients(shape[0], *(address(x, shape) for x in arrays), poses))
     return out
+
+
+def native_poses(
+    image_index: Int[Tensor, "r"], R_world_camera: Float[Tensor, "images 3 3"]
+) -> tuple[NativePoses, Float[Tensor, "images 6"], tuple]:
+    """Poses for a call, the gradient it will fill, and the arrays that must outlive it."""
+    index, R = image_index.long().contiguous(), R_world_camera.contiguous()
+    out = torch.zeros(len(R), 6)
+    poses = NativePoses(len(R), address(index, (len(index),)), address(R, (len(R), 3, 3)), address(out))
+    return poses, out, (index, R)

@@ -42,17 +42,20 @@ def evaluate_rays(
     field: RadianceField,
     space: SceneSpace,
     march: MarchConfig,
-    occupied: Bool[Tensor, "z y x"],
+    occupied: Bool[Tensor, "k z y x"],
     origins: Float[Tensor, "r 3"],
     directions: Float[Tensor, "r 3"],
     jitter: Float[Tensor, "r"],
     least_opacity: Float[Tensor, "r"] | None = None,
+    variance_teaches_trunk: bool = False,
 ) -> FieldSamples:
-    """Samples along world rays; differentiable in the field's parameters.
+    """Samples along world rays; differentiable in the field's parameters and, distances held, in the rays.
 
-    Samples thinner than their ray's ``least_opacity`` count as empty.
+    Samples thinner than their ray's ``least_opacity`` count as empty. Gradients to the variances stop at the
+    variance head unless ``variance_teaches_trunk``.
     """
-    samples = march_rays(origins, directions, space, march, occupied, jitter)
+    with torch.no_grad():
+        samples = march_rays(origins, directions, space, march, occupied, jitter)
     ray, t = samples.ray_index, samples.distance_m
     along = directions.index_select(0, ray)
     points = origins.index_select(0, ray) + t[:, None] * along
@@ -66,13 +69,13 @@ def evaluate_rays(
     kept = (reached & thick).nonzero()[:, 0]
     if len(kept) < len(ray):
         ray, t, along = ray[kept], t[kept], along[kept]
-        hidden, features = hidden.detach()[kept], features.index_select(0, kept)
+        hidden, features = hidden.index_select(0, kept), features.index_select(0, kept)
         optical_depth = optical_depth.index_select(0, kept)
     return FieldSamples(
         ray_index=ray,
         distance_m=t,
         blend=blend_weights(optical_depth, ray),
         colour=field.colour(features, along),
-        variance=field.variance(hidden, features),
+        variance=field.variance(hidden, features, variance_teaches_trunk),
         marched=len(samples.ray_index),
     )

@@ -35,13 +35,13 @@ class BatchPart:
         first = joint_rays * rank // processes
         return BatchPart(first, joint_rays * (rank + 1) // processes - first, joint_rays)
 
-    def of(self, joint: Shaped[Tensor, "joint"]) -> Shaped[Tensor, "part"]:
+    def of(self, joint: Shaped[Tensor, "joint *each"]) -> Shaped[Tensor, "part *each"]:
         """The part's numbers among those of the joint batch."""
         return joint[self.first : self.first + self.rays]
 
-    def uniform(self, generator: torch.Generator) -> Float[Tensor, "part"]:
-        """The part's share of random numbers in [0, 1), one drawn for every ray of the joint batch."""
-        return self.of(torch.rand(self.joint_rays, generator=generator))
+    def uniform(self, generator: torch.Generator, *each: int) -> Float[Tensor, "part *each"]:
+        """The part's share of random numbers in [0, 1), drawn for every ray of the joint batch."""
+        return self.of(torch.rand(self.joint_rays, *each, generator=generator))
 
 
 @dataclass(frozen=True)

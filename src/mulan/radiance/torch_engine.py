@@ -1,35 +1,28 @@
 """The radiance field in plain torch: the readable reference and the fallback on any machine."""
 
-from dataclasses import dataclass
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from mulan.radiance.background import random_background
 from mulan.radiance.config import FieldConfig, MarchConfig
 from mulan.radiance.engine import RayBatch, RaySamples, Rendering, StepReport, check_finite
+from mulan.radiance.kernels.composite import Composite
+from mulan.radiance.kernels.distortion import distortion
+from mulan.radiance.kernels.march import fraction_of_ray, step_count
+from mulan.radiance.loss import (
+    RENDERED_VARIANCE_FLOOR,
+    gaussian_likelihood,
+    opacity_entropy,
+)
 from mulan.radiance.networks import RadianceField
 from mulan.radiance.occupancy import OccupancyGrid
+from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.radiance.rendering import FieldSamples, evaluate_rays
 from mulan.radiance.space import SceneSpace
 from mulan.radiance.split_step import BatchPart, ParameterGradients, SplitStepEngine
 
-RENDERED_VARIANCE_FLOOR = 1e-4
 EXPLORING_SHARE = 0.1  # rays that learn from thin samples too, or nothing could ever grow out of empty space
-
-
-@dataclass(frozen=True)
-class OptimiserConfig:
-    """How the field learns."""
-
-    table_learning_rate: float = 2e-2
-    """Adam's step for the hash table."""
-    network_learning_rate: float = 1e-2
-    """Adam's step for the networks."""
-    huber_delta: float | None = None
-    """Colour errors above this count linearly instead of squared; None = squared throughout."""
-    occupancy_every: int = 16
-    """Steps between refreshes of the occupancy grid."""
 
 
 class TorchEngine(SplitStepEngine):
@@ -62,6 +55,7 @@ class TorchEngine(SplitStepEngine):
         self._generator = torch.Generator().manual_seed(seed)
         self.field = RadianceField(field, self._generator)
         self._occupancy = OccupancyGrid(march, space)
+        self._background = torch.full((3,), float(white_background))
         self._steps = 0
         networks = [p for name, p in self.field.named_parameters() if name != "table"]
         self._adam = torch.optim.Adam(
@@ -78,7 +72,7 @@ class TorchEngine(SplitStepEngine):
 
     def train_step(self, batch: RayBatch, learning_rate_factor: float) -> StepReport:
         """One optimiser step; see :class:`RadianceEngine`."""
-        report = self._backward(batch, BatchPart.whole(len(batch.weights)))
+        report = self._backward(batch, batch.origins, batch.directions)
         self._step(learning_rate_factor)
         return report
 
@@ -91,7 +85,7 @@ class TorchEngine(SplitStepEngine):
         self, batch: RayBatch, part: BatchPart | None = None, out: Float[Tensor, "parameters"] | None = None
     ) -> tuple[ParameterGradients, StepReport]:
         """First half of a step; see :class:`SplitStepEngine`."""
-        report = self._backward(batch, part or BatchPart.whole(len(batch.weights)))
+        report = self._backward(batch, batch.origins, batch.directions, part)
         flat = [
             (torch.zeros_like(p) if p.grad is None else p.grad).flatten() for p in self.field.parameters()
         ]
@@ -107,37 +101,75 @@ class TorchEngine(SplitStepEngine):
             parameter.grad = gradient.view_as(parameter).clone()
         self._step(learning_rate_factor)
 
-    def _backward(self, batch: RayBatch, part: BatchPart) -> StepReport:
+    def train_step_with_pose_gradients(
+        self, batch: RayBatch, learning_rate_factor: float, R_world_camera: Float[Tensor, "images 3 3"]
+    ) -> tuple[StepReport, Float[Tensor, "images 6"]]:
+        """One optimiser step, and the gradient of its loss, before the step, to each image's camera pose.
+
+        Args:
+            batch: Rays, of images numbered as the rotations are.
+            learning_rate_factor: Scales the base learning rates.
+            R_world_camera: Rotations of the cameras the rays start from.
+
+        Returns:
+            What the step did, and the gradient to a right perturbation (rotation rad, translation m).
+        """
+        perturbation = R_world_camera.new_zeros(len(R_world_camera), 6).requires_grad_()
+        turn, shift = (R_world_camera @ perturbation.view(-1, 2, 3, 1)[:, i] for i in (0, 1))
+        origins = batch.origins + shift[batch.image_index, :, 0]
+        turned = torch.cross(turn[batch.image_index, :, 0], batch.directions, dim=-1)
+        report = self._backward(batch, origins, batch.directions + turned)
+        self._step(learning_rate_factor)
+        gradient = perturbation.grad
+        return report, torch.zeros_like(perturbation) if gradient is None else gradient
+
+    def _backward(
+        self,
+        batch: RayBatch,
+        origins: Float[Tensor, "r 3"],
+        directions: Float[Tensor, "r 3"],
+        part: BatchPart | None = None,
+    ) -> StepReport:
         batch.check_finite()
+        part = part or BatchPart.whole(len(batch.weights))
+        config = self.optimiser_config
         used = (batch.weights > 0).nonzero()[:, 0]
-        origins, directions = batch.origins[used], batch.directions[used]
-        target, weights = batch.colours[used], batch.weights[used]
+        origins, directions = origins[used], directions[used]
+        weights = batch.weights[used]
+        background, target = self._background, batch.colours
+        if config.random_background:
+            background, target = random_background(target, batch.opacity, background, self._generator, part)
+            background = background[used]
+        target = target[used]
         jitter = part.uniform(self._generator)[used]
         least = self._least_opacity(len(batch.weights))
         if least is not None:
             least[part.uniform(self._generator) < EXPLORING_SHARE] = 0.0
             least = least[used]
-        samples = self._evaluate(origins, directions, jitter, least)
+        samples = self._evaluate(origins, directions, jitter, least, config.loss.teaches_variance)
         rendered = samples.composite(len(used))
-        error = self._over_background(rendered.colour, rendered.opacity) - target
+        error = rendered.colour + (1 - rendered.opacity)[:, None] * background - target
         squared = error.square().mean(-1)
         share = weights / weights.sum().clamp_min(1e-12)
-        loss = (share * self._penalty(error)).sum()
-        # Heteroscedastic log-likelihood; blend and residual are detached so that it trains the head only.
-        variance = _rendered_variance(samples, len(used)) + RENDERED_VARIANCE_FLOOR
-        likelihood = (share * 0.5 * (squared.detach() / variance + variance.log())).sum()
+        loss = (share * self._cost(samples, rendered, error)).sum()
+        objective = loss
+        if not config.loss.teaches_variance:
+            # blend and residual are detached so that this likelihood trains the head only
+            variance = _rendered_variance(samples, len(used)) + RENDERED_VARIANCE_FLOOR
+            objective = loss + (share * gaussian_likelihood(squared.detach(), variance)).sum()
         self._adam.zero_grad(set_to_none=True)
-        (loss + likelihood).backward()
+        objective.backward()
         mean_squared = float(squared.detach().mean()) if len(used) else 0.0
         return StepReport(loss=float(loss.detach()), mean_squared_error=mean_squared, samples=samples.marched)
 
-    def _step(self, learning_rate_factor: float) -> None:
-        rates = (self.optimiser_config.table_learning_rate, self.optimiser_config.network_learning_rate)
+    def _step(self, factor: float) -> None:
+        config = self.optimiser_config
+        rates = (config.table_learning_rate, config.network_learning_rate)
         for group, rate in zip(self._adam.param_groups, rates, strict=True):
-            group["lr"] = rate * learning_rate_factor
+            group["lr"] = rate * factor
         self._adam.step()
         self._steps += 1
-        if self._steps % self.optimiser_config.occupancy_every == 0:
+        if self._steps % config.occupancy_every == 0:
             self._refresh_occupancy()
 
     @torch.no_grad()
@@ -154,7 +186,8 @@ class TorchEngine(SplitStepEngine):
                 o, directions[start : start + len(o)], torch.full((len(o),), 0.5), self._least_opacity(len(o))
             )
             c = samples.composite(len(o))
-            parts.append((self._over_background(c.colour, c.opacity), c.distance_m, c.opacity, c.variance))
+            colour = c.colour + (1 - c.opacity)[:, None] * self._background
+            parts.append((colour, c.distance_m, c.opacity, c.variance))
         if not parts:
             empty = origins.new_zeros(0)
             return Rendering(origins.new_zeros(0, 3), empty, empty, empty)
@@ -223,20 +256,31 @@ class TorchEngine(SplitStepEngine):
         return None
 
     def _evaluate(
-        self, origins: Tensor, directions: Tensor, jitter: Tensor, least: Tensor | None
+        self,
+        origins: Tensor,
+        directions: Tensor,
+        jitter: Tensor,
+        least: Tensor | None,
+        teaches_variance: bool = False,
     ) -> FieldSamples:
         march, occupied = self.march_config, self._occupancy.occupied
-        return evaluate_rays(self.field, self.space, march, occupied, origins, directions, jitter, least)
+        return evaluate_rays(
+            self.field, self.space, march, occupied, origins, directions, jitter, least, teaches_variance
+        )
 
-    def _over_background(self, colour: Tensor, opacity: Tensor) -> Tensor:
-        return colour + (1 - opacity)[:, None] if self.white_background else colour
-
-    def _penalty(self, error: Float[Tensor, "r 3"]) -> Float[Tensor, "r"]:
-        delta = self.optimiser_config.huber_delta
-        if delta is None:
-            return error.square().mean(-1)
-        size = error.abs()
-        return torch.where(size <= delta, size.square(), delta * (2 * size - delta)).mean(-1)
+    def _cost(
+        self, samples: FieldSamples, rendered: Composite, error: Float[Tensor, "r 3"]
+    ) -> Float[Tensor, "r"]:
+        config = self.optimiser_config
+        cost = config.loss(error, rendered.variance + RENDERED_VARIANCE_FLOOR)
+        if config.distortion_weight > 0:
+            march = self.march_config
+            place = fraction_of_ray(samples.distance_m, march, self.space)
+            scatter = distortion(samples.blend, samples.ray_index, place, 1 / step_count(march), len(error))
+            cost = cost + config.distortion_weight * scatter
+        if config.entropy_weight > 0:
+            cost = cost + config.entropy_weight * opacity_entropy(rendered.opacity)
+        return cost
 
     def _density_unit(self, unit: Float[Tensor, "n 3"]) -> Float[Tensor, "n"]:
         parts = [self.field.geometry(chunk)[0] for chunk in unit.split(2**17)]
@@ -251,4 +295,5 @@ class TorchEngine(SplitStepEngine):
 
 def _rendered_variance(samples: FieldSamples, rays: int) -> Float[Tensor, "r"]:
     blend = samples.blend.detach()
-    return torch.zeros(rays).index_add(0, samples.ray_index, blend.square() * samples.variance)
+    zero = torch.zeros(rays, dtype=blend.dtype)
+    return zero.index_add(0, samples.ray_index, blend.square() * samples.variance)

@@ -42,6 +42,13 @@ class ImageTensors(PosedPixels):
         self._colour = torch.from_numpy(
             np.concatenate([image.colour.reshape(-1, 3) for image in self.images])
         )
+        coverage = [image.alpha for image in self.images if image.alpha is not None]
+        # random backgrounds need it of every pixel
+        self._opacity = (
+            torch.from_numpy(np.concatenate([alpha.reshape(-1) for alpha in coverage]))
+            if len(coverage) == len(self.images)
+            else None
+        )
         self.weights = torch.cat([m.reshape(-1).float() for m in maps])
         cameras, table_start = first_directions([image.camera for image in self.images])
         tables = [torch.from_numpy(camera.pixel_directions().reshape(-1, 3)).float() for camera in cameras]
@@ -79,6 +86,7 @@ class ImageTensors(PosedPixels):
             colours=self._colour[pixel].float() / 255,
             weights=self.weights[pixel],
             image_index=image,
+            opacity=None if self._opacity is None else self._opacity[pixel].float() / 255,
         )
 
     def _drawn(self, number: Int[Tensor, "r"]) -> Int[Tensor, "r"]:

@@ -1,6 +1,7 @@
 """Sizes of the field for a set of photographs."""
 
 from mulan.radiance.config import FieldConfig, MarchConfig
+from mulan.radiance.optimiser_config import OptimiserConfig
 
 FEW_VIEWS = 12
 
@@ -24,6 +25,18 @@ def choose_field(longest_side: int, views: int, unbounded: bool) -> FieldConfig:
     )
 
 
-def choose_march(longest_side: int) -> MarchConfig:
-    """256 steps for small pictures, 384 for larger ones."""
-    return MarchConfig(steps=256 if longest_side <= 160 else 384)
+def choose_march(longest_side: int, unbounded: bool) -> MarchConfig:
+    """256 steps for small pictures, 384 for larger ones.
+
+    Unbounded rays stop at a hundredth of their light, and cells thinner than the thinnest sample that counts
+    are skipped: both were compared by ``benchmarks/unbounded.py``.
+    """
+    steps = 256 if longest_side <= 160 else 384
+    if not unbounded:
+        return MarchConfig(steps=steps)
+    return MarchConfig(steps=steps, occupancy_threshold=MarchConfig.least_opacity, min_transmittance=1e-2)
+
+
+def choose_optimiser(unbounded: bool) -> OptimiserConfig:
+    """Unbounded scenes pay for weight scattered along their rays, or fog would stay before the cameras."""
+    return OptimiserConfig(distortion_weight=0.03 if unbounded else 0.0)

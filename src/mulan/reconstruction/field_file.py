@@ -14,6 +14,7 @@ from mulan.mission.run_folder import write_atomically
 from mulan.radiance.backend import new_engine
 from mulan.radiance.config import FieldConfig, MarchConfig
 from mulan.radiance.engine import RadianceEngine
+from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.radiance.space import SceneSpace
 
 _HEADER = "mulan"
@@ -36,9 +37,9 @@ class FieldDescription:
     space: SceneSpace
     white_background: bool
 
-    def new_engine(self, seed: int) -> RadianceEngine:
+    def new_engine(self, seed: int, optimiser: OptimiserConfig | None = None) -> RadianceEngine:
         """An untrained field of this description."""
-        return new_engine(self.field, self.march, self.space, self.white_background, seed)
+        return new_engine(self.field, self.march, self.space, self.white_background, seed, optimiser)
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for a file header."""

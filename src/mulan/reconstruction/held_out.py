@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -17,7 +17,16 @@ from mulan.reconstruction.dataset import ImageTensors
 from mulan.reconstruction.posed_pixels import PosedPixels
 
 
-def psnr_db(engine: RadianceEngine, images: PosedPixels, index: int) -> float:
+@runtime_checkable
+class Renders(Protocol):
+    """Anything that renders rays."""
+
+    def render(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> Rendering:
+        """Colour, depth, opacity and colour variance along rays."""
+        ...
+
+
+def psnr_db(engine: Renders, images: PosedPixels, index: int) -> float:
     """Peak signal-to-noise ratio of one rendered view against its photograph (colours in [0, 1])."""
     rays = images.image_rays(index)
     return _psnr_db(engine.render(rays.origins, rays.directions).colour, rays.colours)

@@ -38,6 +38,8 @@ class MappedImages(PosedPixels):
         """
         super().__init__(photographs.images)
         self._photographs, self._weighting, self._space = photographs, weighting, space
+        # random backgrounds need the coverage of every pixel
+        self._cut_out = all(image.alpha is not None for image in self.images)
         pixels = len(photographs.pixels)
         cameras, start = first_directions([image.camera for image in self.images])
         self._direction_shift = start - self._first_pixel[:-1]
@@ -83,13 +85,14 @@ class MappedImages(PosedPixels):
         camera_direction = torch.from_numpy(directions[(pixel + shift).numpy()])
         T = self.T_world_camera[image]
         direction = (T[:, :3, :3] * camera_direction[:, None, :]).sum(-1)
-        colour = torch.from_numpy(self._photographs.pixels[pixel.numpy()])[:, :3]
+        colour_and_alpha = torch.from_numpy(self._photographs.pixels[pixel.numpy()]).float() / 255
         return RayBatch(
             origins=T[:, :3, 3],
             directions=torch.nn.functional.normalize(direction, dim=-1),
-            colours=colour.float() / 255,
+            colours=colour_and_alpha[:, :3],
             weights=torch.from_numpy(self._weights.arrays["weights"][pixel.numpy()]),
             image_index=image,
+            opacity=colour_and_alpha[:, 3] if self._cut_out else None,
         )
 
     def _drawn(self, number: Int[Tensor, "r"]) -> Int[Tensor, "r"]:

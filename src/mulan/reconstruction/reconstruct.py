@@ -53,7 +53,7 @@ def reconstruct(
 
     def follow(status: TrainingStatus) -> None:
         rate = status.samples / max(status.seconds, 1e-9) / 1e6
-        progress(status.fraction_done, 1, f"{status.train_psnr_db:.1f} dB, {rate:.2f} M samples/s")
+        progress(status.fraction_done, 1, f"train {status.train_psnr_db:.1f} dB, {rate:.2f} M samples/s")
 
     result = train(images, weighting, config, run, follow, group)
     progress(1, 1, "rendering held-out views")

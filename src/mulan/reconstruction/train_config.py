@@ -3,7 +3,9 @@
 import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from tyro.conf import arg
 
 from mulan.radiance.config import FieldConfig
 
@@ -14,7 +16,7 @@ class TrainConfig:
 
     image_size: int = 200
     """Longest side the photographs are brought down to, in pixels."""
-    time_budget_s: float = 120.0
+    time_budget_s: Annotated[float, arg(name="time-budget", aliases=["--time-budget-s"])] = 120.0
     """Seconds of learning (evaluation and files excluded), unless a number of steps is given."""
     steps: int | None = None
     """Optimiser steps; overrides the time budget and makes the result repeatable bit for bit."""

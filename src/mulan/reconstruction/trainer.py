@@ -13,11 +13,12 @@ from mulan.errors import InputError
 from mulan.mission.posed_images import PosedImageSet
 from mulan.mission.run_folder import RunFolder, write_json
 from mulan.radiance.engine import RadianceEngine
+from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.reconstruction.captured_image import CapturedImage
 from mulan.reconstruction.checkpoint import Progress, read_checkpoint, write_checkpoint
 from mulan.reconstruction.data_parallel import DataParallel
 from mulan.reconstruction.dataset import ImageTensors
-from mulan.reconstruction.field_choice import choose_field, choose_march
+from mulan.reconstruction.field_choice import choose_field, choose_march, choose_optimiser
 from mulan.reconstruction.field_file import FieldDescription, save_field
 from mulan.reconstruction.held_out import psnr_db
 from mulan.reconstruction.photographs import load_photographs
@@ -42,6 +43,7 @@ class TrainingStatus:
         steps, seconds: Optimiser steps and seconds of learning.
         samples: Field evaluations so far.
         train_psnr_db: Of recent batches.
+        engine: The field as it stands; to look at, off the training clock.
     """
 
     fraction_done: float
@@ -49,6 +51,7 @@ class TrainingStatus:
     seconds: float
     samples: int
     train_psnr_db: float
+    engine: RadianceEngine
 
 
 @dataclass(frozen=True)
@@ -125,12 +128,15 @@ def _prepare(
     captured, test = photographs.train, photographs.test
     space = choose_space(captured)
     field = config.field or choose_field(config.image_size, len(captured), space.unbounded)
-    description = FieldDescription(field, choose_march(config.image_size), space, not space.unbounded)
+    description = FieldDescription(
+        field, choose_march(config.image_size, space.unbounded), space, not space.unbounded
+    )
     data = photographs.with_weights(weighting, space)
     if not data.drawable_pixels:
         raise InputError(images.source, "weights", "are zero everywhere", "use weights that keep some images")
-    engine = description.new_engine(config.seed)
-    identity = _identity(config, weighting, description, data)
+    optimiser = choose_optimiser(space.unbounded)
+    engine = description.new_engine(config.seed, optimiser)
+    identity = _identity(config, weighting, description, optimiser, data)
     identity["processes"] = group.place.processes if group else 1
     return _Loop(config, engine, data, test, run, identity, group), description
 
@@ -221,14 +227,16 @@ class _Loop:
         error = report.mean_squared_error
         if s.mean_squared_error is not None:
             error = SMOOTHING * s.mean_squared_error + (1 - SMOOTHING) * error
-        rays = _next_rays(s.rays, report.samples, self._config.batch_samples, self._processes)
+        rays = next_rays(s.rays, report.samples, self._config.batch_samples, self._processes)
         samples = s.samples + report.samples
         self.state = Progress(s.steps + 1, seconds, rays, samples, report.loss, error, s.history)
 
     def _status(self) -> TrainingStatus:
         s = self.state
         done = self._config.fraction_done(s.steps, s.seconds)
-        return TrainingStatus(done, s.steps, s.seconds, s.samples, _decibel(s.mean_squared_error))
+        return TrainingStatus(
+            done, s.steps, s.seconds, s.samples, _decibel(s.mean_squared_error), self.engine
+        )
 
     def _add_to_history(self) -> None:
         views, s = self._curve_views, self.state
@@ -248,7 +256,7 @@ def _check(images: PosedImageSet, config: TrainConfig) -> None:
     if not images.train:
         raise InputError(images.source, "photographs", "there is none to learn from", "give at least one")
     for option, value in (
-        ("--time-budget-s", config.time_budget_s),
+        ("--time-budget", config.time_budget_s),
         ("--image-size", config.image_size),
         ("--batch-samples", config.batch_samples),
         ("--image-memory-share", config.image_memory_share),
@@ -259,7 +267,11 @@ def _check(images: PosedImageSet, config: TrainConfig) -> None:
 
 
 def _identity(
-    config: TrainConfig, weighting: Weighting, description: FieldDescription, data: PosedPixels
+    config: TrainConfig,
+    weighting: Weighting,
+    description: FieldDescription,
+    optimiser: OptimiserConfig,
+    data: PosedPixels,
 ) -> dict[str, Any]:
     """What must be the same for a training to be resumed; how often it reports may change."""
     options = config.what_is_learnt()
@@ -268,11 +280,12 @@ def _identity(
         **options,
         "weighting": f"{weighting}",
         "description": description.to_json(),
+        "optimiser": f"{optimiser}",
         "images": data.fingerprint(),
     }
 
 
-def _next_rays(rays: int, samples: int, target: int, processes: int) -> int:
+def next_rays(rays: int, samples: int, target: int, processes: int = 1) -> int:
     """Rays of all processes that would have met each one's target, at most doubled or halved at a time."""
     wanted = int(rays * target * processes / max(samples, 1))
     return max(32, min(max(wanted, rays // 2), rays * 2, MAX_RAYS * processes))

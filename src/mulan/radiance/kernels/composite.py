@@ -26,7 +26,7 @@ class Composite:
     variance: Float[Tensor, "r"]
 
 
-def _exclusive_sum(values: Float[Tensor, "s"], ray_index: Int[Tensor, "s"]) -> Float[Tensor, "s"]:
+def exclusive_sum(values: Float[Tensor, "s"], ray_index: Int[Tensor, "s"]) -> Float[Tensor, "s"]:
     """Sum of the earlier samples of the same ray, in double: one running sum serves all rays."""
     before = values.double().cumsum(0) - values
     first = torch.ones_like(ray_index, dtype=torch.bool)
@@ -38,7 +38,7 @@ def _exclusive_sum(values: Float[Tensor, "s"], ray_index: Int[Tensor, "s"]) -> F
 def transmittance(optical_depth: Float[Tensor, "s"], ray_index: Int[Tensor, "s"]) -> Float[Tensor, "s"]:
     """Light that reaches each sample: ``exp(-sum of earlier optical depths)``, no gradient."""
     with torch.no_grad():
-        return torch.exp(-_exclusive_sum(optical_depth, ray_index)).to(optical_depth.dtype)
+        return torch.exp(-exclusive_sum(optical_depth, ray_index)).to(optical_depth.dtype)
 
 
 class _Blend(torch.autograd.Function):
@@ -55,7 +55,7 @@ class _Blend(torch.autograd.Function):
     def backward(ctx, grad):  # type: ignore[override]
         reach_after, blend, ray_index = ctx.saved_tensors
         # d blend_i / d depth_i = T_i exp(-depth_i); every later sample of the ray loses its own blend.
-        later = _exclusive_sum((grad * blend).flip(0), ray_index.flip(0)).flip(0)
+        later = exclusive_sum((grad * blend).flip(0), ray_index.flip(0)).flip(0)
         return grad * reach_after - later.to(grad.dtype), None
 
 

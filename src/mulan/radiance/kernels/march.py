@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from mulan.radiance.config import MarchConfig
+from mulan.radiance.kernels.cascades import cell_at
 from mulan.radiance.space import SceneSpace
 
 NEAR_RADII, FAR_RADII = 0.02, 64.0  # first and last distance of an unbounded ray, in scene radii
@@ -56,12 +57,22 @@ def unbounded_step_m(
     return k / step_count(march) * torch.sqrt(radius_m**2 + (distance_m - NEAR_RADII * radius_m) ** 2)
 
 
+def fraction_of_ray(
+    distance_m: Float[Tensor, "*b"], march: MarchConfig, space: SceneSpace
+) -> Float[Tensor, "*b"]:
+    """Distance in units in which all ``step_count`` steps of a ray are equally long and make 1 together."""
+    if space.unbounded:
+        growth = math.asinh(FAR_RADII - NEAR_RADII)
+        return torch.asinh(distance_m / space.radius_m - NEAR_RADII) / growth
+    return distance_m / (bounded_step_m(march, space) * step_count(march))
+
+
 def march_rays(
     origins: Float[Tensor, "r 3"],
     directions: Float[Tensor, "r 3"],
     space: SceneSpace,
     march: MarchConfig,
-    occupied: Bool[Tensor, "z y x"],
+    occupied: Bool[Tensor, "k z y x"],
     jitter: Float[Tensor, "r"],
 ) -> MarchedSamples:
     """Samples of rays that fall in occupied cells of the unit cube.
@@ -71,7 +82,7 @@ def march_rays(
         directions: Unit world directions.
         space: World to unit cube.
         march: Number of steps; no ray gets more than ``min(steps, max_samples_per_ray)`` samples.
-        occupied: Cells of the unit cube worth sampling.
+        occupied: Cells of the unit cube worth sampling, finest cascade first.
         jitter: Where in its step each ray's samples lie, in [0, 1); 0.5 for rendering.
     """
     steps = step_count(march)
@@ -108,8 +119,6 @@ def box_interval(
     return torch.minimum(a, b).amax(-1).clamp_min(0.0), torch.maximum(a, b).amin(-1)
 
 
-def _lookup(unit: tuple[Tensor, ...] | list[Tensor], occupied: Bool[Tensor, "z y x"]) -> Tensor:
-    resolution = occupied.shape[0]
-    x, y, z = ((u * resolution).to(torch.int32).clamp_(0, resolution - 1) for u in unit)
-    flat = z.mul_(resolution).add_(y).mul_(resolution).add_(x)
+def _lookup(unit: tuple[Tensor, ...] | list[Tensor], occupied: Bool[Tensor, "k z y x"]) -> Tensor:
+    flat = cell_at(unit, *occupied.shape[:2])
     return occupied.view(-1).index_select(0, flat.view(-1)).view(flat.shape)

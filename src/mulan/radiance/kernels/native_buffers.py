@@ -70,6 +70,7 @@ def native_scene(march: MarchConfig, space: SceneSpace, white_background: bool) 
         unbounded=space.unbounded,
         steps=step_count(march),
         occupancy_resolution=march.occupancy_resolution,
+        cascades=march.cascades,
     )
     scene.centre_m[:] = space.centre_m
     scene.background[:] = [1.0 if white_background else 0.0] * 3

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from mulan.radiance.config import MarchConfig
+from mulan.radiance.kernels.cascades import consulted_cells
 from mulan.radiance.kernels.native_buffers import address
 from mulan.radiance.kernels.native_library import check
 from mulan.radiance.kernels.native_structures import (
@@ -36,21 +37,27 @@ class NativeGrid:
     """A decaying maximum of each cell's opacity over one step (instant-ngp, section E).
 
     Attributes:
-        opacity: Running maximum of density times step, indexed [z, y, x].
-        occupied: Cells to sample; all of them at first.
+        opacity: Running maximum of density times step, indexed [cascade, z, y, x], finest cascade first.
+        occupied: Cells to sample; at first all that no finer cascade covers.
         refreshes: How many there have been.
         native: The same as the library reads it.
     """
 
     def __init__(self, march: MarchConfig, config: NativeGridConfig, functions: CDLL) -> None:
         side = march.occupancy_resolution
-        self.opacity = torch.zeros(side, side, side)
-        self.occupied = torch.ones(side, side, side, dtype=torch.bool)
+        self._consulted = consulted_cells(march)
+        self.opacity = torch.zeros(self._consulted.shape)
+        self.occupied = self._consulted.clone()
         self.refreshes = 0
-        self._words = torch.zeros((side // 4) ** 3, dtype=torch.int64)
+        self._words = torch.zeros(march.cascades * (side // 4) ** 3, dtype=torch.int64)
         self.native = NativeOccupancy(words=address(self._words))
         self._march, self._config, self._c = march, config, functions
         self._pack()
+
+    @property
+    def occupied_share(self) -> float:
+        """Share of the consulted cells that are on."""
+        return float(self.occupied.sum() / self._consulted.sum())
 
     def refresh(
         self, workspace: int, field: NativeField, scene: NativeScene, parameters: NativeParameters, seed: int
@@ -72,7 +79,8 @@ class NativeGrid:
         )
         self.refreshes += 1
         if self.refreshes >= config.warm_up_refreshes:
-            threshold = min(self._march.occupancy_threshold, float(self.opacity.mean()))
+            mean = float(self.opacity.sum() / self._consulted.sum())
+            threshold = min(self._march.occupancy_threshold, mean)
             torch.gt(self.opacity, threshold, out=self.occupied)
             self.native.least_opacity = self._march.least_opacity
             self._pack()
@@ -90,6 +98,7 @@ class NativeGrid:
         check(
             self._c.mulan_occupancy_pack(
                 self._march.occupancy_resolution,
+                self._march.cascades,
                 address(self.occupied),
                 self.native.words,
                 ctypes.addressof(self.native.lower),

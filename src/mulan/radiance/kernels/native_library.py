@@ -15,6 +15,7 @@ from mulan.radiance.kernels.native_structures import (
     NativeObjective,
     NativeOccupancy,
     NativeParameters,
+    NativePoses,
     NativeRays,
     NativeRendering,
     NativeScene,
@@ -36,7 +37,7 @@ _SIGNATURES = {
     "mulan_use_instruction_set": [c_char_p],
     "mulan_train_step": [
         *(_WORKSPACE, _FIELD, _SCENE, _OCCUPANCY, _AT, _AT, _RAYS, _OBJECTIVE, POINTER(NativeAdam)),
-        *(_AT, _AT, _REPORT),
+        *(_AT, _AT, POINTER(NativePoses), _REPORT),
     ],
     "mulan_gradients": [
         *(_WORKSPACE, _FIELD, _SCENE, _OCCUPANCY, _PARAMETERS, _RAYS, _OBJECTIVE, POINTER(NativeGradients)),
@@ -48,8 +49,8 @@ _SIGNATURES = {
     "mulan_occupancy_refresh": [
         *(_WORKSPACE, _FIELD, _SCENE, _PARAMETERS, c_float, c_int32, c_int32, c_int32, c_uint64, _AT, _AT),
     ],
-    "mulan_occupancy_pack": [c_int32, _AT, _AT, _AT, _AT],
-    "mulan_pose_gradients": [c_int64, _AT, _AT, _AT, _AT, c_int64, _AT, _AT],
+    "mulan_occupancy_pack": [c_int32, c_int32, _AT, _AT, _AT, _AT],
+    "mulan_pose_gradients": [c_int64, _AT, _AT, _AT, POINTER(NativePoses)],
     "mulan_encode": [_FIELD, _AT, c_int64, _AT, _AT],
     "mulan_encode_backward": [_FIELD, _AT, c_int64, _AT, _AT, _AT, _AT],
     "mulan_harmonics": [c_int32, c_int64, _AT, _AT],

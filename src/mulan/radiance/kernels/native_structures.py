@@ -3,7 +3,7 @@
 import ctypes
 from ctypes import c_double, c_float, c_int32, c_int64, c_uint64, c_void_p
 
-ABI_VERSION = 3
+ABI_VERSION = 4
 MAX_LEVELS = 32
 
 
@@ -38,6 +38,7 @@ class NativeScene(ctypes.Structure):
         ("unbounded", c_int32),
         ("steps", c_int32),
         ("occupancy_resolution", c_int32),
+        ("cascades", c_int32),
     )
 
 
@@ -78,8 +79,23 @@ class NativeObjective(ctypes.Structure):
         ("colours", c_void_p),
         ("weights", c_void_p),
         ("colour_gradient", c_void_p),
+        ("backgrounds", c_void_p),
         ("huber_delta", c_float),
         ("variance_weight", c_float),
+        ("likelihood", c_int32),
+        ("distortion_weight", c_float),
+        ("entropy_weight", c_float),
+    )
+
+
+class NativePoses(ctypes.Structure):
+    """MulanPoses: where the gradient to camera poses goes."""
+
+    _fields_ = (
+        ("images", c_int64),
+        ("image_index", c_void_p),
+        ("R_world_camera", c_void_p),
+        ("gradient", c_void_p),
     )
 
 

@@ -16,8 +16,9 @@
 extern "C" {
 #endif
 
-#define MULAN_ABI_VERSION 3
+#define MULAN_ABI_VERSION 4
 #define MULAN_MAX_LEVELS 32
+#define MULAN_MAX_CASCADES 8
 
 enum MulanStatus { MULAN_OK = 0, MULAN_BAD_ARGUMENT = 1, MULAN_OUT_OF_MEMORY = 2 };
 
@@ -37,7 +38,8 @@ typedef struct {
     float near_radii, growth;  // unbounded rays: distance / radius = near + sinh(growth * fraction of the steps)
     float background[3];
     float min_transmittance;
-    int32_t unbounded, steps, occupancy_resolution;
+    int32_t unbounded, steps;
+    int32_t occupancy_resolution, cascades;  // nested grids about the centre; grid k spans 2^(k+1-cascades) of the cube
 } MulanScene;
 
 // Parameters: table [L, T, 2]; networks one after another, each [out, in]: density (L*2 -> width -> geometry),
@@ -47,7 +49,7 @@ typedef struct {
     const float* networks;
 } MulanParameters;
 
-// Which cells may hold matter: one bit a cell, 4x4x4 cells a word (see mulan_occupancy_pack).
+// Which cells may hold matter: one bit a cell, 4x4x4 cells a word (see mulan_occupancy_pack), finest grid first.
 typedef struct {
     const uint64_t* words;
     float lower[3], upper[3];  // bounds of the occupied cells in the unit cube
@@ -68,9 +70,21 @@ typedef struct {
     const float* colours;          // [r, 3]
     const float* weights;          // [r]; 0 ignores the ray
     const float* colour_gradient;  // [r, 3] or null; given: dLoss/dcolour, and colours and weights are not read
+    const float* backgrounds;      // [r, 3] or null: behind each ray, instead of the scene's
     float huber_delta;             // 0: squared error; else Huber's loss with this corner
-    float variance_weight;         // weight of the variance head's likelihood
+    float variance_weight;         // weight of the variance head's likelihood, which trains the head alone
+    int32_t likelihood;            // 1: the colour's cost is that likelihood, and it reaches everything
+    float distortion_weight;       // of the distortion along each ray (mip-NeRF 360, eq. 15)
+    float entropy_weight;          // of the entropy of each ray's opacity
 } MulanObjective;
+
+// Where the gradient to the poses of the cameras goes.
+typedef struct {
+    int64_t images;
+    const int64_t* image_index;   // [r]
+    const float* R_world_camera;  // [images, 3, 3]
+    float* gradient;              // [images, 6]: to a right perturbation (rotation, translation)
+} MulanPoses;
 
 // Where gradients go; null where they are not wanted.
 typedef struct {
@@ -117,11 +131,12 @@ MULAN_API void mulan_workspace_destroy(MulanWorkspace*);
 MULAN_API int64_t mulan_workspace_bytes(const MulanWorkspace*);
 MULAN_API int64_t mulan_network_parameters(const MulanField*);
 
-// One optimiser step; parameters and moments change in place. Ray gradients are filled where asked for.
+// One optimiser step; parameters and moments change in place. The gradients of its loss, as it was before the step,
+// to rays and to camera poses are filled where asked for (null: not wanted).
 MULAN_API int32_t mulan_train_step(MulanWorkspace*, const MulanField*, const MulanScene*, const MulanOccupancy*,
                                    float* table, float* networks, const MulanRays*, const MulanObjective*,
                                    const MulanAdam*, float* origin_gradient, float* direction_gradient,
-                                   MulanStepReport*);
+                                   const MulanPoses*, MulanStepReport*);
 // The same gradients without the update.
 MULAN_API int32_t mulan_gradients(MulanWorkspace*, const MulanField*, const MulanScene*, const MulanOccupancy*,
                                   const MulanParameters*, const MulanRays*, const MulanObjective*,
@@ -136,20 +151,19 @@ MULAN_API int32_t mulan_sample(MulanWorkspace*, const MulanField*, const MulanSc
 MULAN_API int32_t mulan_density(MulanWorkspace*, const MulanField*, const MulanParameters*, int64_t n,
                                 const float* unit_points, float* density);
 
-// opacity [R^3] (x fastest) over one step: the visited cells decay, then take the maximum with the density met at a
-// jittered point. Visited are the cells with index % stride == phase % stride, and the occupied ones [R^3] with
-// index % occupied_stride == phase % occupied_stride.
+// opacity [K, R^3] (x fastest) over one step: the visited cells decay, then take the maximum with the density met at a
+// jittered point. Visited are the cells with index % stride == phase % stride, and the occupied ones [K, R^3] with
+// index % occupied_stride == phase % occupied_stride; never those that a finer cascade covers.
 MULAN_API int32_t mulan_occupancy_refresh(MulanWorkspace*, const MulanField*, const MulanScene*,
                                           const MulanParameters*, float decay, int32_t stride, int32_t occupied_stride,
                                           int32_t phase, uint64_t seed, const uint8_t* occupied, float* opacity);
-// Occupied cells [R^3] as bits, words [(R/4)^3], and their bounds in lower [3] and upper [3].
-MULAN_API int32_t mulan_occupancy_pack(int32_t resolution, const uint8_t* occupied, uint64_t* words, float* lower,
-                                       float* upper);
+// Occupied cells [K, R^3] as bits, words [K, (R/4)^3], and their bounds in lower [3] and upper [3].
+MULAN_API int32_t mulan_occupancy_pack(int32_t resolution, int32_t cascades, const uint8_t* occupied, uint64_t* words,
+                                       float* lower, float* upper);
 
-// Sum over an image's rays of the gradient to a right perturbation (rotation, translation) of its camera pose.
+// From gradients to rays to those of the poses they start from, summed in the order of the rays.
 MULAN_API int32_t mulan_pose_gradients(int64_t rays, const float* directions, const float* origin_gradient,
-                                       const float* direction_gradient, const int64_t* image_index, int64_t images,
-                                       const float* R_world_camera, float* gradient);
+                                       const float* direction_gradient, const MulanPoses*);
 
 // The operations one by one, as tests compare them with the reference.
 MULAN_API int32_t mulan_encode(const MulanField*, const float* table, int64_t n, const float* unit_points,

@@ -26,7 +26,9 @@ bool valid(const MulanField* f) {
 bool valid(const MulanScene* s) {
     if (!s || !(s->radius_m > 0) || !std::isfinite(s->radius_m)) return false;
     if (s->steps < 1 || s->steps > (1 << 16)) return false;
-    return s->occupancy_resolution >= 4 && s->occupancy_resolution <= 512 && s->occupancy_resolution % 4 == 0;
+    if (s->cascades < 1 || s->cascades > MULAN_MAX_CASCADES) return false;
+    const int whole = s->cascades > 1 ? 16 : 4;  // a word's cells must not straddle a finer cascade's rim
+    return s->occupancy_resolution >= 4 && s->occupancy_resolution <= 512 && s->occupancy_resolution % whole == 0;
 }
 
 bool valid(const MulanOccupancy* o) { return o && o->words; }
@@ -65,7 +67,8 @@ int64_t mulan_workspace_bytes(const MulanWorkspace* w) {
     int64_t bytes = 0;
     for (const mulan::Buffer* b :
          {&w->packed_networks, &w->tiles, &w->march_table, &w->ray_samples, &w->ray_lists, &w->tile_lists,
-          &w->group_gradients, &w->network_gradient, &w->scatter_points, &w->scatter_gradients, &w->table_gradient})
+          &w->group_gradients, &w->network_gradient, &w->scatter_points, &w->scatter_gradients, &w->table_gradient,
+          &w->ray_gradients})
         bytes += (int64_t)b->bytes();
     return bytes;
 }
@@ -80,12 +83,13 @@ int64_t mulan_network_parameters(const MulanField* f) {
 int32_t mulan_train_step(MulanWorkspace* w, const MulanField* f, const MulanScene* s, const MulanOccupancy* o,
                          float* table, float* networks, const MulanRays* rays, const MulanObjective* objective,
                          const MulanAdam* adam, float* origin_gradient, float* direction_gradient,
-                         MulanStepReport* report) {
+                         const MulanPoses* poses, MulanStepReport* report) {
     const bool ok = w && valid(f) && valid(s) && valid(o) && table && networks && valid(rays) && valid(objective, rays) &&
-                    adam && adam->step > 0 && !origin_gradient == !direction_gradient && report;
+                    adam && adam->step > 0 && !origin_gradient == !direction_gradient &&
+                    (!poses || mulan::valid(poses, rays->count)) && report;
     return guarded(ok, [&] {
         return kernels().train_step(w, f, s, o, table, networks, rays, objective, adam, origin_gradient,
-                                    direction_gradient, report);
+                                    direction_gradient, poses, report);
     });
 }
 

@@ -45,9 +45,11 @@ int32_t occupancy_refresh(MulanWorkspace* w, const MulanField* field, const Mula
     const uint32_t every = (uint32_t)stride, occupied_every = (uint32_t)occupied_stride;
     const uint32_t cell_phase = (uint32_t)phase % every, occupied_phase = (uint32_t)phase % occupied_every;
     // every slab is one thread's, and its cells do not depend on each other
-    parallel_for(*w, side, [&](int64_t slab, int thread) {
+    parallel_for(*w, (int64_t)scene->cascades * side, [&](int64_t slab, int thread) {
         Tile t = tiles.of(thread);
-        const int z = (int)slab;
+        const int cascade = (int)slab / side, z = (int)slab % side;
+        const float magnification = (float)(1 << (scene->cascades - 1 - cascade));
+        auto within_finer = [&](int i) { return cascade > 0 && i >= side / 4 && i < side - side / 4; };
         int n = 0;
         auto finish = [&] {
             evaluate(e, t, n);
@@ -65,14 +67,17 @@ int32_t occupancy_refresh(MulanWorkspace* w, const MulanField* field, const Mula
         };
         for (int y = 0; y < side; ++y)
             for (int x = 0; x < side; ++x) {
-                const uint32_t cell = (uint32_t)(x + side * (y + side * z));
+                if (within_finer(x) && within_finer(y) && within_finer(z)) continue;
+                const uint32_t cell = (uint32_t)(x + side * (y + side * (int)slab));
                 const bool visited = cell % every == cell_phase ||
                                      (occupied[cell] && cell % occupied_every == occupied_phase);
                 if (!visited) continue;
-                const float inverse = 1.0f / (float)side;
-                t.x[n] = ((float)x + uniform(seed, cell, 1)) * inverse;
-                t.y[n] = ((float)y + uniform(seed, cell, 2)) * inverse;
-                t.z[n] = ((float)z + uniform(seed, cell, 3)) * inverse;
+                auto unit = [&](int i, uint32_t axis) {
+                    return (((float)i + uniform(seed, cell, axis)) / (float)side - 0.5f) / magnification + 0.5f;
+                };
+                t.x[n] = unit(x, 1);
+                t.y[n] = unit(y, 2);
+                t.z[n] = unit(z, 3);
                 t.ray_id[n] = cell;
                 if (++n == tile_samples) finish();
             }

@@ -30,15 +30,42 @@ struct March {
                __builtin_sqrtf(scene.radius_m * scene.radius_m + beyond * beyond);
     }
 
-    // The word of the 4x4x4 block a unit point lies in, and its bit.
-    uint64_t block(const float unit[3], int cell[3], int& bit) const {
+    // Distance in units in which all steps of a ray are equally long and make 1 together.
+    float fraction(float t) const {
+        if (!scene.unbounded) return t / (bounded_step_m * (float)scene.steps);
+        return __builtin_asinhf(t / scene.radius_m - scene.near_radii) / scene.growth;
+    }
+
+    // Opacity below which a sample counts as empty.
+    float thinnest() const { return scene.unbounded ? occupancy.least_opacity : 0.0f; }
+
+    // Where a unit point lies: the finest cascade that holds it, magnified so often, and its cell there.
+    struct Cell {
+        int at[3], bit;
+        float magnification;
+        uint64_t word;  // of its 4x4x4 block
+
+        bool occupied() const { return word >> bit & 1; }
+    };
+
+    Cell find(const float unit[3]) const {
         const int cells = scene.occupancy_resolution, blocks = cells / 4;
-        for (int a = 0; a < 3; ++a) {
-            const float scaled = unit[a] * (float)cells;
-            cell[a] = scaled > 0 ? (scaled < (float)cells ? (int)scaled : cells - 1) : 0;
+        Cell cell{};
+        cell.magnification = 1;
+        int cascade = scene.cascades - 1;
+        if (cascade > 0) {
+            float norm = 0;
+            for (int a = 0; a < 3; ++a) norm = larger(norm, __builtin_fabsf(unit[a] - 0.5f));
+            for (; cascade > 0 && norm * cell.magnification < 0.25f; --cascade) cell.magnification *= 2;
         }
-        bit = (cell[0] & 3) + 4 * (cell[1] & 3) + 16 * (cell[2] & 3);
-        return occupancy.words[(cell[0] >> 2) + blocks * ((cell[1] >> 2) + blocks * (cell[2] >> 2))];
+        for (int a = 0; a < 3; ++a) {
+            const float scaled = ((unit[a] - 0.5f) * cell.magnification + 0.5f) * (float)cells;
+            cell.at[a] = scaled > 0 ? (scaled < (float)cells ? (int)scaled : cells - 1) : 0;
+        }
+        cell.bit = (cell.at[0] & 3) + 4 * (cell.at[1] & 3) + 16 * (cell.at[2] & 3);
+        cell.word = occupancy.words[(cell.at[0] >> 2) + blocks * ((cell.at[1] >> 2) +
+                                                                 blocks * ((cell.at[2] >> 2) + blocks * cascade))];
+        return cell;
     }
 };
 
@@ -103,7 +130,7 @@ class RayMarch {
     }
 
     int collect_bounded(const March& march, float* t, int capacity) {
-        int count = 0, cell[3], bit;
+        int count = 0;
         while (next_ < last_ && count < capacity) {
             const float distance = enter_ + ((float)next_ + jitter_) * march.bounded_step_m;
             if (!(distance < leave_)) {
@@ -112,15 +139,16 @@ class RayMarch {
             }
             float unit[3];
             for (int a = 0; a < 3; ++a) unit[a] = start_[a] + distance * slope_[a];
-            const uint64_t word = march.block(unit, cell, bit);
+            const March::Cell cell = march.find(unit);
             ++next_;
-            if (word >> bit & 1)
+            if (cell.occupied())
                 t[count++] = distance;
-            else if (word == 0) {
+            else if (cell.word == 0) {
                 const float block_side = 4.0f / (float)march.scene.occupancy_resolution;
                 float exit = 3e38f;
                 for (int a = 0; a < 3; ++a) {
-                    const float wall = (float)((cell[a] >> 2) + (slope_[a] > 0)) * block_side;
+                    const float within = (float)((cell.at[a] >> 2) + (slope_[a] > 0)) * block_side;
+                    const float wall = (within - 0.5f) / cell.magnification + 0.5f;
                     exit = smaller(exit, (wall - start_[a]) * inverse_[a]);
                 }
                 next_ = larger(next_, step_at(march, exit, -1e-3f));
@@ -131,15 +159,14 @@ class RayMarch {
 
     int collect_unbounded(const March& march, float* t, int capacity) {
         const MulanScene& s = march.scene;
-        int count = 0, cell[3], bit;
+        int count = 0;
         for (; next_ < last_ && count < capacity; ++next_) {
             const float growth = march.table[2 * next_] * cosh_ + march.table[2 * next_ + 1] * sinh_;
             const float distance = s.radius_m * (s.near_radii + growth);
             float world[3], unit[3];
             for (int a = 0; a < 3; ++a) world[a] = origin_[a] + distance * direction_[a];
             to_unit(s, world, unit);
-            const uint64_t word = march.block(unit, cell, bit);
-            if (word >> bit & 1) t[count++] = distance;
+            if (march.find(unit).occupied()) t[count++] = distance;
         }
         return count;
     }

@@ -142,7 +142,7 @@ int32_t networks_backward(MulanWorkspace* w, const MulanField* field, const floa
             t.d_depth[k] = log_density_gradient[first + k];
             t.d_variance[k] = variance_gradient[first + k];
         }
-        backpropagate(e, t, count, count, padded_gradient);
+        backpropagate(e, t, count, count, false, padded_gradient);
         add_variance_gradient(e, t, count, padded_gradient);
         copy_rows(t.d_encoded, net.encoded, encoded_gradient + first * width, width, width, count);
         backward(net.colour_direction, t.d_direction_term, count, t.d_harmonics, Plain{});
@@ -215,7 +215,12 @@ int32_t composite_backward(const MulanScene* scene, int64_t rays, const int64_t*
         const int kept =
             blend_packed(*scene, density + at, dt_m + at, n, scratch, scratch + room, blend, reach_after);
         const float* g = ray_colour_gradient + 3 * ray;
-        blend_ray_backward(kept, blend, reach_after, colour + 3 * at, scene->background, g, density_gradient + at);
+        for (int k = 0; k < kept; ++k) {
+            density_gradient[at + k] = 0;
+            for (int c = 0; c < 3; ++c)
+                density_gradient[at + k] += g[c] * (colour[3 * (at + k) + c] - scene->background[c]);
+        }
+        blend_ray_backward(kept, blend, reach_after, density_gradient + at);
         for (int k = 0; k < n; ++k) {
             density_gradient[at + k] = k < kept ? density_gradient[at + k] * dt_m[at + k] : 0;
             for (int c = 0; c < 3; ++c) colour_gradient[3 * (at + k) + c] = k < kept ? g[c] * blend[k] : 0;

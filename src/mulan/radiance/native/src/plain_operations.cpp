@@ -1,28 +1,39 @@
 // Operations that gain nothing from wide vectors: compiled once.
 #include <cmath>
 
-#include "../include/mulan_native.h"
+#include "workspace.h"
 
-int32_t mulan_occupancy_pack(int32_t side, const uint8_t* occupied, uint64_t* words, float* lower, float* upper) {
-    if (side < 4 || side > 512 || side % 4 || !occupied || !words || !lower || !upper) return MULAN_BAD_ARGUMENT;
-    const int blocks = side / 4;
-    int low[3] = {side, side, side}, high[3] = {0, 0, 0};
-    for (int64_t i = 0; i < (int64_t)blocks * blocks * blocks; ++i) words[i] = 0;
-    for (int z = 0; z < side; ++z)
-        for (int y = 0; y < side; ++y)
-            for (int x = 0; x < side; ++x) {
-                if (!occupied[x + (int64_t)side * (y + (int64_t)side * z)]) continue;
-                const int bit = (x & 3) + 4 * (y & 3) + 16 * (z & 3);
-                words[(x >> 2) + blocks * ((y >> 2) + (int64_t)blocks * (z >> 2))] |= 1ull << bit;
-                const int cell[3] = {x, y, z};
-                for (int a = 0; a < 3; ++a) {
-                    if (cell[a] < low[a]) low[a] = cell[a];
-                    if (cell[a] + 1 > high[a]) high[a] = cell[a] + 1;
-                }
-            }
+int32_t mulan_occupancy_pack(int32_t side, int32_t cascades, const uint8_t* occupied, uint64_t* words, float* lower,
+                             float* upper) {
+    if (side < 4 || side > 512 || side % 4 || cascades < 1 || cascades > MULAN_MAX_CASCADES || !occupied || !words ||
+        !lower || !upper)
+        return MULAN_BAD_ARGUMENT;
+    const int64_t blocks = side / 4, cells = (int64_t)side * side * side;
+    for (int64_t i = 0; i < cascades * blocks * blocks * blocks; ++i) words[i] = 0;
     for (int a = 0; a < 3; ++a) {
-        lower[a] = (float)low[a] / (float)side;
-        upper[a] = (float)high[a] / (float)side;
+        lower[a] = 1;
+        upper[a] = 0;
+    }
+    for (int k = 0; k < cascades; ++k) {
+        int low[3] = {side, side, side}, high[3] = {0, 0, 0};
+        uint64_t* own = words + k * blocks * blocks * blocks;
+        for (int z = 0; z < side; ++z)
+            for (int y = 0; y < side; ++y)
+                for (int x = 0; x < side; ++x) {
+                    if (!occupied[k * cells + x + (int64_t)side * (y + (int64_t)side * z)]) continue;
+                    const int bit = (x & 3) + 4 * (y & 3) + 16 * (z & 3);
+                    own[(x >> 2) + blocks * ((y >> 2) + blocks * (z >> 2))] |= 1ull << bit;
+                    const int cell[3] = {x, y, z};
+                    for (int a = 0; a < 3; ++a) {
+                        if (cell[a] < low[a]) low[a] = cell[a];
+                        if (cell[a] + 1 > high[a]) high[a] = cell[a] + 1;
+                    }
+                }
+        const float span = std::ldexp(1.0f, k + 1 - cascades);
+        for (int a = 0; a < 3 && low[a] < high[a]; ++a) {
+            lower[a] = std::fmin(lower[a], 0.5f + ((float)low[a] / (float)side - 0.5f) * span);
+            upper[a] = std::fmax(upper[a], 0.5f + ((float)high[a] / (float)side - 0.5f) * span);
+        }
     }
     return MULAN_OK;
 }
@@ -30,11 +41,10 @@ int32_t mulan_occupancy_pack(int32_t side, const uint8_t* occupied, uint64_t* wo
 // The camera at T moves to T exp(rotation, translation): an origin moves by R translation and a direction turns by
 // R rotation, so in the world frame the gradients are the sum of the origins' and the sum of direction x gradient.
 int32_t mulan_pose_gradients(int64_t rays, const float* directions, const float* origin_gradient,
-                             const float* direction_gradient, const int64_t* image_index, int64_t images,
-                             const float* R_world_camera, float* gradient) {
-    if (rays < 0 || images < 0 || !gradient) return MULAN_BAD_ARGUMENT;
-    for (int64_t i = 0; i < rays; ++i)
-        if (image_index[i] < 0 || image_index[i] >= images) return MULAN_BAD_ARGUMENT;
+                             const float* direction_gradient, const MulanPoses* poses) {
+    if (!mulan::valid(poses, rays)) return MULAN_BAD_ARGUMENT;
+    const int64_t images = poses->images, *image_index = poses->image_index;
+    float* gradient = poses->gradient;
     for (int64_t i = 0; i < 6 * images; ++i) gradient[i] = 0;
     for (int64_t i = 0; i < rays; ++i) {
         const float *d = directions + 3 * i, *g = direction_gradient + 3 * i, *o = origin_gradient + 3 * i;
@@ -45,7 +55,7 @@ int32_t mulan_pose_gradients(int64_t rays, const float* directions, const float*
         for (int a = 0; a < 3; ++a) sum[3 + a] += o[a];
     }
     for (int64_t i = 0; i < images; ++i) {
-        const float* R = R_world_camera + 9 * i;
+        const float* R = poses->R_world_camera + 9 * i;
         for (int part = 0; part < 2; ++part) {
             float* v = gradient + 6 * i + 3 * part;
             const float world[3] = {v[0], v[1], v[2]};

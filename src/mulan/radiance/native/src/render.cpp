@@ -42,8 +42,7 @@ int advance(const Evaluation& e, const March& march, const MulanRays& rays, int6
         n += t.count[slot];
     }
     evaluate_density(e, t, n);
-    if (e.scene.unbounded) empty_thin_samples(t, n, march.occupancy.least_opacity);
-    n = drop_unreached(e, t, alive);
+    n = drop_unreached(e, t, alive, march.thinnest());
     evaluate_directions(e, t, alive);
     evaluate_colour(e, t, n);
     evaluate_variance(e, t, n);
@@ -115,8 +114,7 @@ int32_t sample(MulanWorkspace* w, const MulanField* field, const MulanScene* sce
         place_samples(e, march, t, 0, 0, t.count[0], o, d);
         evaluate_direction(e, t, 0, d);
         evaluate_density(e, t, t.count[0]);
-        if (scene->unbounded) empty_thin_samples(t, t.count[0], occupancy->least_opacity);
-        const int n = drop_unreached(e, t, 1);
+        const int n = drop_unreached(e, t, 1, march.thinnest());
         evaluate_directions(e, t, 1);
         evaluate_colour(e, t, n);
         evaluate_variance(e, t, n);

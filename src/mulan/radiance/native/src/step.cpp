@@ -94,10 +94,14 @@ struct Learn {
         rendering->variance[ray] = variance;
     }
 
-    RayLoss judge(int64_t ray, const float colour[3], float variance) const {
+    const float* background(int64_t ray) const {
+        return objective.backgrounds ? objective.backgrounds + 3 * ray : scene.background;
+    }
+
+    RayLoss judge(int64_t ray, const float colour[3], float opacity, float variance) const {
         if (!objective.colour_gradient)
             return ray_loss(objective, objective.colours + 3 * ray, objective.weights[ray] * inverse_weight, colour,
-                            variance);
+                            opacity, variance);
         RayLoss given;
         for (int c = 0; c < 3; ++c) given.colour_gradient[c] = objective.colour_gradient[3 * ray + c];
         return given;
@@ -123,13 +127,13 @@ struct Learn {
         const int n = drop_unreached(e, tile, range.rays);
         evaluate_directions(e, tile, range.rays);
         evaluate_colour(e, tile, n);
-        const bool head = rendering || (parameters_wanted && objective.variance_weight > 0);
+        const bool head = rendering || objective.likelihood || (parameters_wanted && objective.variance_weight > 0);
         if (head) evaluate_variance(e, tile, n);
         for (int slot = 0; slot < range.rays; ++slot) composite_and_judge(range, tile, slot, head);
-        backpropagate(e, tile, n, range.rays, padded);
+        backpropagate(e, tile, n, range.rays, objective.likelihood, padded);
         range.kept = n;
         if (padded) {
-            if (objective.variance_weight > 0) add_variance_gradient(e, tile, n, padded);
+            if (objective.likelihood || objective.variance_weight > 0) add_variance_gradient(e, tile, n, padded);
             keep_for_scatter(range, tile, n);
         }
         if (origin_gradient) ray_gradients(e, range, tile, n);
@@ -146,13 +150,28 @@ struct Learn {
             moment += blend * tile.t[k];
             if (head) variance += blend * blend * tile.variance[k];
         }
-        for (int c = 0; c < 3; ++c) colour[c] += (1 - opacity) * scene.background[c];
+        const float* behind = background(tile.ray_id[slot]);
+        for (int c = 0; c < 3; ++c) colour[c] += (1 - opacity) * behind[c];
         finish_ray(tile.ray_id[slot], opacity, moment, colour, variance);
-        const RayLoss r = judge(tile.ray_id[slot], colour, variance);
+        const RayLoss r = judge(tile.ray_id[slot], colour, opacity, variance);
         range.loss += r.loss;
         range.squared_error += r.squared_error;
-        blend_ray_backward(kept, tile.blend + first, tile.reach_after + first, tile.colour + 3 * first,
-                           scene.background, r.colour_gradient, tile.d_depth + first);
+        float* to_blend = tile.d_depth + first;
+        for (int k = 0; k < kept; ++k) {
+            const float* sample = tile.colour + 3 * (first + k);
+            to_blend[k] = r.opacity_gradient;
+            for (int c = 0; c < 3; ++c) to_blend[k] += r.colour_gradient[c] * (sample[c] - behind[c]);
+        }
+        if (objective.likelihood)
+            for (int k = 0; k < kept; ++k)
+                to_blend[k] += 2 * r.variance_gradient * tile.blend[first + k] * tile.variance[first + k];
+        if (objective.distortion_weight > 0 && r.share > 0) {
+            float* place = tile.place + first;
+            for (int k = 0; k < kept; ++k) place[k] = march.fraction(tile.t[first + k]);
+            range.loss += distort(kept, tile.blend + first, place, 1 / (float)scene.steps,
+                                  r.share * objective.distortion_weight, to_blend);
+        }
+        blend_ray_backward(kept, tile.blend + first, tile.reach_after + first, to_blend);
         for (int k = first; k < first + kept; ++k) {
             for (int c = 0; c < 3; ++c) {
                 const float value = tile.colour[3 * k + c];
@@ -249,12 +268,12 @@ struct Learn {
             report.rays++;
             return;
         }
-        finish_ray(ray, 0, 0, scene.background, 0);
+        finish_ray(ray, 0, 0, background(ray), 0);
         if (origin_gradient)
             for (int a = 0; a < 3; ++a) origin_gradient[3 * ray + a] = direction_gradient[3 * ray + a] = 0;
         if (ignored(ray)) return;
         report.rays++;
-        const RayLoss r = judge(ray, scene.background, 0);
+        const RayLoss r = judge(ray, background(ray), 0, 0);
         report.loss += r.loss;
         report.squared_error += r.squared_error;
     }
@@ -318,17 +337,23 @@ int32_t learn(MulanWorkspace* w, const MulanField* field, const MulanScene* scen
 int32_t train_step(MulanWorkspace* w, const MulanField* field, const MulanScene* scene,
                    const MulanOccupancy* occupancy, float* table, float* networks, const MulanRays* rays,
                    const MulanObjective* objective, const MulanAdam* a, float* origin_gradient,
-                   float* direction_gradient, MulanStepReport* report) {
+                   float* direction_gradient, const MulanPoses* poses, MulanStepReport* report) {
     const int64_t count = mulan_network_parameters(field);
     const size_t table_bytes = ((size_t)field->levels << field->log2_table_size) * 8;
     float* network_gradient = (float*)w->network_gradient.reserve((size_t)count * 4);
     __builtin_memset(network_gradient, 0, (size_t)count * 4);
     float* table_gradient = (float*)w->table_gradient.reserve(table_bytes);
+    if (poses && !origin_gradient) {
+        origin_gradient = (float*)w->ray_gradients.reserve((size_t)rays->count * 6 * 4);
+        direction_gradient = origin_gradient + 3 * rays->count;
+    }
     const int32_t status = learn(w, field, scene, occupancy, table, networks, rays, objective, table_gradient,
                                  network_gradient, table, a, origin_gradient, direction_gradient, nullptr, report);
     FlushDenormals flush;
     adam(AdamStep(a->networks_rate, a->beta1, a->beta2, a->epsilon, a->step, false), count, networks,
          a->networks_mean, a->networks_square, network_gradient);
+    // every ray's gradient is one tile's, and rays are added in their order
+    if (poses) mulan_pose_gradients(rays->count, rays->directions, origin_gradient, direction_gradient, poses);
     return status;
 }
 

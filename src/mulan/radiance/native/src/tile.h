@@ -18,7 +18,7 @@ struct Tile {
     float *x, *y, *z;      // in the unit cube
     float *t, *step;       // distance [m]; step in scene radii
     int32_t* ray;          // slot in the tile
-    float *depth, *alpha, *passed, *blend, *reach_after;
+    float *depth, *alpha, *passed, *blend, *reach_after, *place;
     float *encoded, *hidden, *geometry, *colour_a, *colour_b, *logits, *colour, *variance, *variance_slope;
     // by ray slot
     int64_t* ray_id;
@@ -34,7 +34,7 @@ inline Tile carve_tile(const Networks& n, int capacity, Arena& arena) {
     t.capacity = capacity;
     const int64_t rows = capacity + row_padding;
     auto rows_of = [&](int width, auto&... arrays) { ((arrays = arena.take<float>(rows * width)), ...); };
-    rows_of(1, t.x, t.y, t.z, t.t, t.step, t.depth, t.alpha, t.passed, t.blend, t.reach_after, t.variance,
+    rows_of(1, t.x, t.y, t.z, t.t, t.step, t.depth, t.alpha, t.passed, t.blend, t.reach_after, t.place, t.variance,
             t.variance_slope, t.transmittance, t.d_depth, t.d_variance, t.d_x, t.d_y, t.d_z);
     rows_of(n.width, t.hidden, t.colour_a, t.colour_b, t.direction_term, t.d_colour_a, t.d_colour_b, t.d_hidden,
             t.d_direction_term);
@@ -90,41 +90,37 @@ inline void evaluate_density(const Evaluation& e, Tile& t, int n) {
     }
 }
 
-// Samples thinner than a bound let all light pass, as they do while learning.
-inline void empty_thin_samples(Tile& t, int n, float least_opacity) {
-    for (int k = 0; k < n; ++k)
-        if (t.alpha[k] < least_opacity) {
-            t.alpha[k] = 0;
-            t.passed[k] = 1;
-        }
-}
-
 inline void copy_row(float* rows, int width, int to, int from) {
     for (int i = 0; i < width; i += lanes)
         store(rows + (int64_t)to * width + i, load(rows + (int64_t)from * width + i));
 }
 
 // Blends every ray's samples and closes the gaps that the dropped ones leave; returns how many samples are left.
+// Dropped are those that no light reaches and those thinner than a bound, which let all light pass.
 // Rays start with t.transmittance, which is updated; t.first and t.kept describe what is left.
-inline int drop_unreached(const Evaluation& e, Tile& t, int rays) {
+inline int drop_unreached(const Evaluation& e, Tile& t, int rays, float least_opacity = 0) {
     const Networks& net = e.networks;
     int left = 0;
     for (int slot = 0; slot < rays; ++slot) {
-        const int from = t.first[slot], to = left;
-        const int kept = blend_ray(t.count[slot], t.alpha + from, t.passed + from, e.scene.min_transmittance,
-                                   t.transmittance[slot], t.blend + to, t.reach_after + to);
-        t.first[slot] = to;
-        t.kept[slot] = kept;
-        left += kept;
-        if (from == to) continue;
-        float* const columns[] = {t.x, t.y, t.z, t.t, t.step, t.depth};
-        for (int k = 0; k < kept; ++k) {
-            for (float* column : columns) column[to + k] = column[from + k];
-            t.ray[to + k] = t.ray[from + k];
-            copy_row(t.encoded, net.encoded, to + k, from + k);
-            copy_row(t.hidden, net.width, to + k, from + k);
-            copy_row(t.geometry, net.geometry, to + k, from + k);
+        const int from = t.first[slot], end = from + t.count[slot];
+        float& transmittance = t.transmittance[slot];
+        t.first[slot] = left;
+        for (int k = from; k < end && transmittance > e.scene.min_transmittance; ++k) {
+            if (t.alpha[k] < least_opacity) continue;
+            t.blend[left] = transmittance * t.alpha[k];
+            transmittance *= t.passed[k];
+            t.reach_after[left] = transmittance;
+            if (left != k) {
+                float* const columns[] = {t.x, t.y, t.z, t.t, t.step, t.depth};
+                for (float* column : columns) column[left] = column[k];
+                t.ray[left] = t.ray[k];
+                copy_row(t.encoded, net.encoded, left, k);
+                copy_row(t.hidden, net.width, left, k);
+                copy_row(t.geometry, net.geometry, left, k);
+            }
+            ++left;
         }
+        t.kept[slot] = left - t.first[slot];
     }
     return left;
 }
@@ -166,9 +162,21 @@ inline void evaluate_variance(const Evaluation& e, Tile& t, int n) {
     }
 }
 
+// Adds to n rows what the gradient to the variances means for one of their head's inputs.
+template <class Finish>
+inline void add_variance_input_gradient(const Tile& t, int n, const float* weights, int width, const Finish& finish,
+                                        float* rows) {
+    for (int k = 0; k < n; ++k) {
+        const float d = t.d_variance[k] * t.variance_slope[k];
+        float* row = rows + (int64_t)k * width;
+        for (int i = 0; i < width; i += lanes) store(row + i, load(row + i) + finish(d * load(weights + i), k, i));
+    }
+}
+
 // From gradients to depths and colours back to the encoding; adds the networks' gradient to `padded` if given.
-// Reads t.d_depth and t.d_logits; leaves t.d_encoded and, by ray slot, t.d_direction_term.
-inline void backpropagate(const Evaluation& e, Tile& t, int n, int rays, float* padded) {
+// Reads t.d_depth and t.d_logits; leaves t.d_encoded and, by ray slot, t.d_direction_term. The gradient to the
+// variances in t.d_variance goes beyond their head only if asked to.
+inline void backpropagate(const Evaluation& e, Tile& t, int n, int rays, bool through_variance, float* padded) {
     const Networks& net = e.networks;
     backward(net.colour_out, t.d_logits, n, t.d_colour_b, Masked{t.colour_b, net.width});
     backward(net.colour_hidden, t.d_colour_b, n, t.d_colour_a, Masked{t.colour_a, net.width});
@@ -185,7 +193,12 @@ inline void backpropagate(const Evaluation& e, Tile& t, int n, int rays, float* 
         // depth = exp(output) * step, so its slope is itself
         if (t.geometry[(int64_t)k * net.geometry] < limit) d += t.d_depth[k] * t.depth[k];
     }
-    backward(net.density_out, t.d_geometry, n, t.d_hidden, Masked{t.hidden, net.width});
+    if (through_variance)
+        add_variance_input_gradient(t, n, net.variance_geometry.backward, net.geometry, Plain{}, t.d_geometry);
+    const Masked active{t.hidden, net.width};
+    backward(net.density_out, t.d_geometry, n, t.d_hidden, active);
+    if (through_variance)
+        add_variance_input_gradient(t, n, net.variance_hidden.backward, net.width, active, t.d_hidden);
     backward(net.density_hidden, t.d_hidden, n, t.d_encoded, Plain{});
     if (!padded) return;
     add_gradient(net.colour_out, t.d_logits, t.colour_b, n, padded);

@@ -21,6 +21,14 @@ void* Buffer::reserve(size_t bytes) {
 
 size_t Buffer::bytes() const { return bytes_; }
 
+bool valid(const MulanPoses* p, int64_t rays) {
+    if (!p || rays < 0 || p->images < 0 || (p->images > 0 && (!p->gradient || !p->R_world_camera))) return false;
+    if (rays > 0 && !p->image_index) return false;
+    for (int64_t i = 0; i < rays; ++i)
+        if (p->image_index[i] < 0 || p->image_index[i] >= p->images) return false;
+    return true;
+}
+
 }  // namespace mulan
 
 MulanWorkspace::MulanWorkspace(int threads) : pool(threads) {}

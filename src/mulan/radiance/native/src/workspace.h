@@ -26,10 +26,18 @@ class Buffer {
 
 }  // namespace mulan
 
+namespace mulan {
+
+// Whether every ray belongs to one of the images.
+bool valid(const MulanPoses* p, int64_t rays);
+
+}  // namespace mulan
+
 struct MulanWorkspace {
     explicit MulanWorkspace(int threads);
 
     mulan::ThreadPool pool;
     mulan::Buffer packed_networks, tiles, march_table, ray_samples, ray_lists, tile_lists;
     mulan::Buffer group_gradients, network_gradient, scatter_points, scatter_gradients, table_gradient;
+    mulan::Buffer ray_gradients;
 };
