@@ -126,7 +126,7 @@ def run(variant: Variant, split: Split, size: int, budget_cpu_s: float, seed: in
         factor = config.learning_rate_factor(spent_s / budget_cpu_s)
         report = engine.train_step(data.sample(rays, sampler), factor)
         all_rays += rays
-        rays = next_rays(rays, report.samples, config.batch_samples)
+        rays = next_rays(rays, report.samples, config.samples_a_batch(on_gpu=False))
         steps, samples = steps + 1, samples + report.samples
         spent_s += time.process_time() - began
     psnr = [psnr_db(engine, validation, i) for i in range(len(validation))]

@@ -17,7 +17,7 @@ from mulan.reconstruction.torchrun import is_leader, place_of_this_process, thre
 from mulan.reconstruction.trainer import train
 from mulan.reconstruction.weights import UncertaintyWeights
 from tests.reconstruction.torchrun import torchrun
-from tests.reconstruction.two_processes import CONFIG
+from tests.reconstruction.two_processes import BATCH_SAMPLES, CONFIG
 
 from .cube_scene import cube_images
 
@@ -56,7 +56,7 @@ def test_both_processes_hold_the_same_field_bit_for_bit(told: list[dict[str, Any
 
 @pytest.mark.usefixtures("told")
 def test_two_processes_have_the_loss_curve_of_one_with_the_double_batch(folder: Path) -> None:
-    double = replace(CONFIG, batch_samples=2 * CONFIG.batch_samples)
+    double = replace(CONFIG, batch_samples=2 * BATCH_SAMPLES)
     images = read_transforms(folder / "transforms.json")
     alone = train(images, UncertaintyWeights(), double, RunFolder(folder / "alone"))
     history = json.loads((folder / "whole" / "history.json").read_text())

@@ -19,8 +19,9 @@ from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.trainer import TrainingResult, TrainingStatus, train
 from mulan.reconstruction.weights import UncertaintyWeights
 
+BATCH_SAMPLES = 1024  # of each process
 CONFIG = TrainConfig(
-    image_size=24, steps=130, batch_samples=1024, evaluate_every_s=0.0, checkpoint_every_s=1e9
+    image_size=24, steps=130, batch_samples=BATCH_SAMPLES, evaluate_every_s=0.0, checkpoint_every_s=1e9
 )
 SAVES_OFTEN = replace(CONFIG, checkpoint_every_s=0.0)
 

@@ -43,11 +43,20 @@ def _library(name: str, purpose: str) -> Finding:
 
 
 def _gpu() -> Finding:
-    import torch
+    from mulan.radiance.gpu.find_gpu import find_gpu
 
-    if torch.cuda.is_available():
-        return Finding("GPU", True, torch.cuda.get_device_name(0))
-    return Finding("GPU", None, "none; everything runs on the CPU")
+    gpu, detail = find_gpu()
+    return Finding("GPU", None if gpu is None else True, detail if gpu else f"none to use: {detail}")
+
+
+def _engine() -> Finding:
+    from mulan.radiance.gpu.find_gpu import find_gpu
+    from mulan.radiance.kernels.native_library import find_native_library
+
+    if find_gpu()[0] is not None:
+        return Finding("engine", None, "fields are learnt on the GPU, in Triton")
+    native = find_native_library()[0] is not None
+    return Finding("engine", None, f"fields are learnt on the CPU, in {'C++' if native else 'torch'}")
 
 
 def _native_engine() -> Finding:
@@ -95,6 +104,7 @@ def diagnose() -> list[Finding]:
         _gpu(),
         _library("torch", "the radiance field"),
         _native_engine(),
+        _engine(),
         _library("gtsam", "localization"),
         _library("mitsuba", "photographs of simulated scenes"),
         _library("rosbags", "reading and writing bags"),

@@ -106,7 +106,14 @@ class RaySamples:
 
 
 class RadianceEngine(ABC):
-    """A radiance field that can be trained, rendered, saved and restored."""
+    """A radiance field that can be trained, rendered, saved and restored.
+
+    Attributes:
+        device: Where it computes, and where batches are best kept. Rays from elsewhere are moved there;
+            answers go back to where the rays came from.
+    """
+
+    device: torch.device = torch.device("cpu")
 
     @abstractmethod
     def train_step(self, batch: RayBatch, learning_rate_factor: float) -> StepReport:

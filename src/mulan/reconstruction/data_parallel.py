@@ -33,11 +33,13 @@ class DataParallel:
         """
         if not isinstance(engine, SplitStepEngine):
             raise InputError(
-                "torchrun", "engine", f"{type(engine).__name__} learns in one process only", "start just one"
+                "torchrun",
+                "engine",
+                f"{type(engine).__name__} learns in one process only",
+                "add --device cpu, or start just one",
             )
         self._group, self._engine = group, engine
-        device = next(iter(engine.state().values())).device
-        self._sum = GradientSum(group, engine.parameter_count, device)
+        self._sum = GradientSum(group, engine.parameter_count, engine.device)
         self._stop_asked = self.stop_agreed = False
         self._owed_s = 0.0
 

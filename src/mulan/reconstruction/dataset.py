@@ -59,6 +59,14 @@ class ImageTensors(PosedPixels):
         self._drawable = (self.weights > 0).nonzero()[:, 0]
         self._every_pixel_drawable = len(self._drawable) == len(self.weights)
 
+    def move_to(self, device: torch.device) -> None:
+        """See :class:`PosedPixels`; the pixels move too."""
+        for name in ("_image_of_pixel", "_colour", "weights", "T_world_camera", "_directions", "_drawable"):
+            setattr(self, name, getattr(self, name).to(device))
+        self._direction_shift = self._direction_shift.to(device)
+        self._opacity = None if self._opacity is None else self._opacity.to(device)
+        self._device = device
+
     @property
     def drawable_pixels(self) -> int:
         """Pixels of positive weight."""
@@ -70,8 +78,10 @@ class ImageTensors(PosedPixels):
         for image in self.images:
             colours.update(image.colour_and_alpha.data)
         colours.update(bytes([image.alpha is not None for image in self.images]))
-        weights = hashlib.sha256(self.weights.contiguous().numpy().data).hexdigest()
-        directions = hashlib.sha256(self._directions.contiguous().numpy().data).hexdigest()
+        weights, directions = (
+            hashlib.sha256(part.cpu().contiguous().numpy().tobytes()).hexdigest()
+            for part in (self.weights, self._directions)
+        )
         return fingerprint_of(colours.hexdigest(), weights, directions, self.T_world_camera)
 
     def rays(self, pixel: Int[Tensor, "r"]) -> RayBatch:
@@ -112,5 +122,5 @@ def fingerprint_of(
     colours: str, weights: str, directions: str, T_world_camera: Float[Tensor, "n 4 4"]
 ) -> str:
     """Digest of a set from the digests of its parts and its poses."""
-    poses = T_world_camera.contiguous().numpy().tobytes()
+    poses = T_world_camera.cpu().contiguous().numpy().tobytes()
     return hashlib.sha256(f"{colours} {weights} {directions} ".encode() + poses).hexdigest()[:16]

@@ -1,13 +1,15 @@
 """Sizes of the field for a set of photographs."""
 
+from dataclasses import replace
+
 from mulan.radiance.config import FieldConfig, MarchConfig
 from mulan.radiance.optimiser_config import OptimiserConfig
 
 FEW_VIEWS = 12
 
 
-def choose_field(longest_side: int, views: int, unbounded: bool) -> FieldConfig:
-    """Grid and network sizes that did well on a CPU.
+def choose_field(longest_side: int, views: int, unbounded: bool, on_gpu: bool = False) -> FieldConfig:
+    """Grid and network sizes: those that did well on a CPU, or instant-ngp's on a GPU.
 
     The finest level has about 2.5 cells a pixel across the scene (twice that for an unbounded scene, whose
     inner cube fills half the grid); few views cannot fill fine cells nor tell colour from direction, so
@@ -16,6 +18,14 @@ def choose_field(longest_side: int, views: int, unbounded: bool) -> FieldConfig:
     few = views <= FEW_VIEWS
     finest = longest_side * (0.8 if few else 2.5) * (2 if unbounded else 1)
     finest = min(max(round(finest / 16) * 16, 64), 2048)
+    if on_gpu:
+        return FieldConfig(
+            levels=16,
+            log2_table_size=19,
+            finest_resolution=finest,
+            width=64,
+            harmonics_degree=1 if few else 4,
+        )
     log2_table_size = 15 if finest <= 288 else 16 if finest <= 448 else 17
     return FieldConfig(
         levels=8,
@@ -25,16 +35,17 @@ def choose_field(longest_side: int, views: int, unbounded: bool) -> FieldConfig:
     )
 
 
-def choose_march(longest_side: int, unbounded: bool) -> MarchConfig:
-    """256 steps for small pictures, 384 for larger ones.
+def choose_march(longest_side: int, unbounded: bool, on_gpu: bool = False) -> MarchConfig:
+    """256 steps for small pictures, 384 for larger ones; on a GPU instant-ngp's 1024 and a finer grid.
 
     Unbounded rays stop at a hundredth of their light, and cells thinner than the thinnest sample that counts
     are skipped: both were compared by ``benchmarks/unbounded.py``.
     """
-    steps = 256 if longest_side <= 160 else 384
+    steps = 1024 if on_gpu else 256 if longest_side <= 160 else 384
+    march = MarchConfig(steps=steps, occupancy_resolution=128 if on_gpu else MarchConfig.occupancy_resolution)
     if not unbounded:
-        return MarchConfig(steps=steps)
-    return MarchConfig(steps=steps, occupancy_threshold=MarchConfig.least_opacity, min_transmittance=1e-2)
+        return march
+    return replace(march, occupancy_threshold=MarchConfig.least_opacity, min_transmittance=1e-2)
 
 
 def choose_optimiser(unbounded: bool) -> OptimiserConfig:

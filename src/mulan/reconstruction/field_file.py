@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
@@ -37,9 +38,11 @@ class FieldDescription:
     space: SceneSpace
     white_background: bool
 
-    def new_engine(self, seed: int, optimiser: OptimiserConfig | None = None) -> RadianceEngine:
-        """An untrained field of this description."""
-        return new_engine(self.field, self.march, self.space, self.white_background, seed, optimiser)
+    def new_engine(
+        self, seed: int, optimiser: OptimiserConfig | None = None, device: torch.device | None = None
+    ) -> RadianceEngine:
+        """An untrained field of this description; on the GPU if there is one and no device is given."""
+        return new_engine(self.field, self.march, self.space, self.white_background, seed, optimiser, device)
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for a file header."""

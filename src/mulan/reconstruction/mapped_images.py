@@ -67,6 +67,10 @@ class MappedImages(PosedPixels):
             made = _made(folder, "drawable", self._weights.digest, plan, numbers)
             self._drawable = made.arrays["drawable"]
 
+    def move_to(self, device: torch.device) -> None:
+        """See :class:`PosedPixels`; the files stay where they are, each batch is moved."""
+        self._device = device
+
     @property
     def drawable_pixels(self) -> int:
         """Pixels of positive weight."""
@@ -79,6 +83,7 @@ class MappedImages(PosedPixels):
 
     def rays(self, pixel: Int[Tensor, "r"]) -> RayBatch:
         """Rays of pixels."""
+        pixel = pixel.cpu()
         image = torch.searchsorted(self._first_pixel, pixel, right=True) - 1
         shift = self._direction_shift[image]
         directions = self._directions.arrays["directions"]
@@ -86,17 +91,18 @@ class MappedImages(PosedPixels):
         T = self.T_world_camera[image]
         direction = (T[:, :3, :3] * camera_direction[:, None, :]).sum(-1)
         colour_and_alpha = torch.from_numpy(self._photographs.pixels[pixel.numpy()]).float() / 255
+        weights = torch.from_numpy(self._weights.arrays["weights"][pixel.numpy()])
         return RayBatch(
-            origins=T[:, :3, 3],
-            directions=torch.nn.functional.normalize(direction, dim=-1),
-            colours=colour_and_alpha[:, :3],
-            weights=torch.from_numpy(self._weights.arrays["weights"][pixel.numpy()]),
-            image_index=image,
-            opacity=colour_and_alpha[:, 3] if self._cut_out else None,
+            origins=T[:, :3, 3].to(self._device),
+            directions=torch.nn.functional.normalize(direction, dim=-1).to(self._device),
+            colours=colour_and_alpha[:, :3].to(self._device),
+            weights=weights.to(self._device),
+            image_index=image.to(self._device),
+            opacity=colour_and_alpha[:, 3].to(self._device) if self._cut_out else None,
         )
 
     def _drawn(self, number: Int[Tensor, "r"]) -> Int[Tensor, "r"]:
-        return number if self._drawable is None else torch.from_numpy(self._drawable[number.numpy()])
+        return number if self._drawable is None else torch.from_numpy(self._drawable[number.cpu().numpy()])
 
     def _weight_maps(self, folder: Path) -> Iterator[NDArray]:
         """As :meth:`Weighting.weight_maps`, the maps waiting on disk until the best mean is known."""

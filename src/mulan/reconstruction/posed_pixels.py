@@ -38,10 +38,15 @@ class PosedPixels(ABC):
         self._first_pixel = torch.cat([torch.zeros(1, dtype=torch.long), counts.cumsum(0)])
         poses = np.stack([image.T_world_camera for image in self.images])
         self.T_world_camera = torch.from_numpy(poses).float()
+        self._device = torch.device("cpu")
 
     def __len__(self) -> int:
         """Number of images."""
         return len(self.images)
+
+    @abstractmethod
+    def move_to(self, device: torch.device) -> None:
+        """Make the rays on another device."""
 
     @property
     @abstractmethod
@@ -63,11 +68,13 @@ class PosedPixels(ABC):
     def sample(self, rays: int, generator: torch.Generator, part: BatchPart | None = None) -> RayBatch:
         """Pixels drawn uniformly, with replacement, among those of positive weight; of these, a part."""
         number = torch.randint(self.drawable_pixels, (rays,), generator=generator)
-        return self.rays(self._drawn(number if part is None else part.of(number)))
+        number = number if part is None else part.of(number)
+        return self.rays(self._drawn(number.to(self._device)))
 
     def image_rays(self, image: int) -> RayBatch:
         """Every ray of one image, row by row."""
-        return self.rays(torch.arange(int(self._first_pixel[image]), int(self._first_pixel[image + 1])))
+        first, end = (int(self._first_pixel[i]) for i in (image, image + 1))
+        return self.rays(torch.arange(first, end, device=self._device))
 
 
 def first_directions(cameras: Sequence[PinholeCamera]) -> tuple[list[PinholeCamera], Int[Tensor, "images"]]:

@@ -5,9 +5,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from tyro.conf import arg
+from tyro.conf import EnumChoicesFromValues, arg
 
-from mulan.radiance.config import FieldConfig
+from mulan.radiance.backend import Device
+from mulan.radiance.config import FieldConfig, MarchConfig
 
 
 @dataclass(frozen=True)
@@ -20,8 +21,9 @@ class TrainConfig:
     """Seconds of learning (evaluation and files excluded), unless a number of steps is given."""
     steps: int | None = None
     """Optimiser steps; overrides the time budget and makes the result repeatable bit for bit."""
-    batch_samples: int = 16384
-    """Field evaluations a step (of each process); the number of rays adapts to it."""
+    batch_samples: int | None = None
+    """Field evaluations a step of each process, to which the number of rays adapts; if not given 16384, on a
+    GPU 262144."""
     final_learning_rate: float = 0.01
     """Learning rate at the end, as a fraction of the first (half a cosine between)."""
     seed: int = 0
@@ -34,8 +36,16 @@ class TrainConfig:
     """Share of the free memory decoded photographs may take; larger sets are decoded into files instead."""
     image_cache: Path | None = None
     """Folder for those files; 'decoded' in the run folder if not given."""
+    device: EnumChoicesFromValues[Device] = Device.AUTO
+    """Where to compute; auto takes the GPU if there is one. Training goes on elsewhere if sizes are given."""
     field: FieldConfig | None = None
-    """Sizes of the field; chosen from image size and number of views if not given."""
+    """Sizes of the field; chosen from device, image size and number of views if not given."""
+    march: MarchConfig | None = None
+    """How rays are sampled; chosen from device and image size if not given."""
+
+    def samples_a_batch(self, on_gpu: bool) -> int:
+        """Field evaluations to aim at in a step."""
+        return self.batch_samples or (2**18 if on_gpu else 2**14)
 
     def what_is_learnt(self) -> dict[str, Any]:
         """The options the result depends on, not those on reports and files."""

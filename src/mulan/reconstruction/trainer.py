@@ -28,7 +28,7 @@ from mulan.reconstruction.scene_space import choose_space
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.weights import Weighting
 
-MAX_RAYS = 16384  # of one process
+MAX_RAYS = 16384  # of one process, with the CPU's batch
 CURVE_POINTS = 5  # at least, of a training with a time budget
 CURVE_VIEWS = 4  # test views behind each point of the training curve
 SMOOTHING = 0.95  # of the running mean squared error shown in the curve
@@ -127,15 +127,17 @@ def _prepare(
     photographs = load_photographs(images, config, run.root / "decoded", group)
     captured, test = photographs.train, photographs.test
     space = choose_space(captured)
-    field = config.field or choose_field(config.image_size, len(captured), space.unbounded)
-    description = FieldDescription(
-        field, choose_march(config.image_size, space.unbounded), space, not space.unbounded
-    )
+    device = config.device.resolve()
+    on_gpu = device.type == "cuda"
+    field = config.field or choose_field(config.image_size, len(captured), space.unbounded, on_gpu)
+    march = config.march or choose_march(config.image_size, space.unbounded, on_gpu)
+    description = FieldDescription(field, march, space, not space.unbounded)
     data = photographs.with_weights(weighting, space)
     if not data.drawable_pixels:
         raise InputError(images.source, "weights", "are zero everywhere", "use weights that keep some images")
     optimiser = choose_optimiser(space.unbounded)
-    engine = description.new_engine(config.seed, optimiser)
+    engine = description.new_engine(config.seed, optimiser, device)
+    data.move_to(device)
     identity = _identity(config, weighting, description, optimiser, data)
     identity["processes"] = group.place.processes if group else 1
     return _Loop(config, engine, data, test, run, identity, group), description
@@ -160,6 +162,7 @@ class _Loop:
         self._processes = group.place.processes if group else 1
         self._writes = group is None or group.leads
         self._identity = identity
+        self._batch_samples = config.samples_a_batch(on_gpu=engine.device.type == "cuda")
         self._curve_views = ImageTensors(test[:: max(1, len(test) // CURVE_VIEWS)]) if test else None
         self._sampler = torch.Generator().manual_seed(config.seed + 1)
         self.state = Progress()
@@ -227,7 +230,7 @@ class _Loop:
         error = report.mean_squared_error
         if s.mean_squared_error is not None:
             error = SMOOTHING * s.mean_squared_error + (1 - SMOOTHING) * error
-        rays = next_rays(s.rays, report.samples, self._config.batch_samples, self._processes)
+        rays = next_rays(s.rays, report.samples, self._batch_samples, self._processes)
         samples = s.samples + report.samples
         self.state = Progress(s.steps + 1, seconds, rays, samples, report.loss, error, s.history)
 
@@ -258,7 +261,7 @@ def _check(images: PosedImageSet, config: TrainConfig) -> None:
     for option, value in (
         ("--time-budget", config.time_budget_s),
         ("--image-size", config.image_size),
-        ("--batch-samples", config.batch_samples),
+        ("--batch-samples", 1 if config.batch_samples is None else config.batch_samples),
         ("--image-memory-share", config.image_memory_share),
         ("--steps", 1 if config.steps is None else config.steps),
     ):
@@ -275,7 +278,8 @@ def _identity(
 ) -> dict[str, Any]:
     """What must be the same for a training to be resumed; how often it reports may change."""
     options = config.what_is_learnt()
-    del options["field"]  # part of the description
+    for name in ("device", "field", "march"):
+        del options[name]
     return {
         **options,
         "weighting": f"{weighting}",
@@ -288,7 +292,7 @@ def _identity(
 def next_rays(rays: int, samples: int, target: int, processes: int = 1) -> int:
     """Rays of all processes that would have met each one's target, at most doubled or halved at a time."""
     wanted = int(rays * target * processes / max(samples, 1))
-    return max(32, min(max(wanted, rays // 2), rays * 2, MAX_RAYS * processes))
+    return max(32, min(max(wanted, rays // 2), rays * 2, max(MAX_RAYS, target // 2) * processes))
 
 
 def _decibel(mean_squared_error: float | None) -> float:

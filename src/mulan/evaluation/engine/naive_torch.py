@@ -10,11 +10,12 @@ from torch import Tensor
 
 from mulan.radiance.config import FieldConfig
 from mulan.radiance.engine import RayBatch, Rendering, StepReport
+from mulan.radiance.kernels.cascades import cell_at
 from mulan.radiance.kernels.hash_encoding import HashEncoding, corner_index
 from mulan.radiance.kernels.march import bounded_step_m, box_interval, step_count
 from mulan.radiance.networks import RadianceField
 from mulan.radiance.occupancy import OccupancyGrid
-from mulan.radiance.torch_engine import OptimiserConfig
+from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.reconstruction.field_file import FieldDescription
 
 RAYS_AT_ONCE = 2048
@@ -51,7 +52,7 @@ class PlainEncoding(HashEncoding):
 
 
 class NaiveTorchField:
-    """Trains and renders a bounded scene; same parameters and sizes as :class:`TorchEngine`."""
+    """Learns a bounded scene by squared errors and renders it; parameters and sizes are ``TorchEngine``'s."""
 
     def __init__(
         self, description: FieldDescription, seed: int = 0, optimiser: OptimiserConfig | None = None
@@ -126,9 +127,8 @@ class NaiveTorchField:
         distance = enter[:, None] + (torch.arange(steps) + jitter[:, None]) * step_m
         points = origins[:, None] + distance[..., None] * directions[:, None]
         unit = space.to_unit(points.view(-1, 3)).view(points.shape)
-        side = len(occupied)
-        x, y, z = (unit * side).long().clamp(0, side - 1).unbind(-1)
-        ray, step = (occupied[z, y, x] & (distance < leave[:, None])).nonzero(as_tuple=True)
+        cell = cell_at(unit.unbind(-1), *occupied.shape[:2])
+        ray, step = (occupied.view(-1)[cell] & (distance < leave[:, None])).nonzero(as_tuple=True)
 
         density, hidden, features = self.field.geometry(unit[ray, step])
         optical_depth = torch.zeros(distance.shape)

@@ -18,6 +18,7 @@ from mulan.reconstruction.dataset import ImageTensors
 from mulan.reconstruction.field_choice import choose_field, choose_march
 from mulan.reconstruction.field_file import FieldDescription
 from mulan.reconstruction.scene_space import choose_space
+from mulan.reconstruction.trainer import next_rays
 
 NATIVE, TUNED, NAIVE = "native", "torch_tuned", "torch_naive"
 
@@ -51,7 +52,7 @@ def describe_field(images: Sequence[CapturedImage], image_size: int) -> FieldDes
     """The field the trainer would choose for these photographs."""
     space = choose_space(images)
     field = choose_field(image_size, len(images), space.unbounded)
-    return FieldDescription(field, choose_march(image_size), space, not space.unbounded)
+    return FieldDescription(field, choose_march(image_size, space.unbounded), space, not space.unbounded)
 
 
 def new_torch_engine(description: FieldDescription, seed: int) -> TorchEngine:
@@ -127,14 +128,8 @@ def _warm_up(engine: Trains, data: ImageTensors, config: ThroughputConfig) -> in
     rays = 1024
     for _ in range(config.warm_up_steps):
         report = engine.train_step(data.sample(rays, generator), 1.0)
-        rays = adapted_rays(rays, report.samples, config.batch_samples)
+        rays = next_rays(rays, report.samples, config.samples_a_batch(on_gpu=False))
     return rays
-
-
-def adapted_rays(rays: int, samples: int, target: int) -> int:
-    """Rays that would have met the target number of samples, at most doubled or halved, 32 to 16384."""
-    wanted = int(rays * target / max(samples, 1))
-    return max(32, min(max(wanted, rays // 2), rays * 2, 16384))
 
 
 def _samples_per_s(engine: Trains, batches: Sequence[RayBatch]) -> tuple[float, float]:

@@ -14,7 +14,6 @@ from mulan.evaluation.engine.throughput import (
     NAIVE,
     TUNED,
     Trains,
-    adapted_rays,
     describe_field,
     new_torch_engine,
 )
@@ -22,6 +21,7 @@ from mulan.reconstruction.captured_image import load_captured
 from mulan.reconstruction.dataset import ImageTensors
 from mulan.reconstruction.held_out import Renders
 from mulan.reconstruction.train_config import TrainConfig
+from mulan.reconstruction.trainer import next_rays
 
 
 @runtime_checkable
@@ -60,7 +60,7 @@ def train_torch_field(
         report = field.train_step(data.sample(rays, generator), config.learning_rate_factor(done))
         seconds += time.perf_counter() - began
         samples, steps = samples + report.samples, steps + 1
-        rays = adapted_rays(rays, report.samples, config.batch_samples)
+        rays = next_rays(rays, report.samples, config.samples_a_batch(on_gpu=False))
     recorder.finish(field, seconds)
     return {
         "psnr_curve": recorder.curve,
