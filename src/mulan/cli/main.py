@@ -11,6 +11,7 @@ from rich.table import Table
 
 from mulan import __version__
 from mulan.errors import InputError
+from mulan.reconstruction.torchrun import is_leader, place_of_this_process
 
 COMMANDS = {
     "demo": "Three simulated robots reconstruct a room, from radio to report.",
@@ -48,6 +49,8 @@ def run_command(arguments: Sequence[str]) -> int:
     name, *rest = arguments
     if name not in COMMANDS:
         raise InputError("mulan", f"command '{name}'", "is unknown", "see 'mulan --help'")
+    if name != "train" and place_of_this_process() is not None:
+        raise InputError("torchrun", f"command '{name}'", "runs in one process", "start it without torchrun")
     return importlib.import_module(f"mulan.cli.{name}").main(rest)
 
 
@@ -58,12 +61,20 @@ def main() -> None:
     try:
         sys.exit(run_command(sys.argv[1:]))
     except InputError as error:
-        Console(stderr=True, soft_wrap=True, highlight=False).print("[red bold]error[/]", escape(str(error)))
+        # what goes wrong in one process is told to all, so one of them may speak
+        if is_leader():
+            console = Console(stderr=True, soft_wrap=True, highlight=False)
+            console.print("[red bold]error[/]", escape(str(error)))
         sys.exit(2)
     except KeyboardInterrupt:
-        print("\nstopped; run the same command again to go on where it was", file=sys.stderr)
+        if is_leader():
+            print("\nstopped; run the same command again to go on where it was", file=sys.stderr)
         sys.exit(130)
     except BrokenPipeError:
         # the reader (head, less) went away; leave quietly
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -15,7 +15,9 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-console = Console(highlight=False, soft_wrap=True)
+from mulan.reconstruction.torchrun import is_leader
+
+console = Console(highlight=False, soft_wrap=True, quiet=not is_leader())
 
 ReportProgress = Callable[[float, float, str], None]
 """Called with what is done, the total, and a few words on the latest state."""

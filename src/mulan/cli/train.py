@@ -1,6 +1,7 @@
 """``mulan train``: learn the radiance field from a run or from any posed image set."""
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
@@ -13,14 +14,19 @@ from mulan.mission.image_sets import read_posed_images
 from mulan.mission.nerfstudio import read_transforms, write_transforms
 from mulan.mission.posed_images import PosedImageSet
 from mulan.mission.run_folder import RunFolder
+from mulan.reconstruction.process_group import ProcessGroup, processes_of_torchrun
 from mulan.reconstruction.reconstruct import reconstruct
+from mulan.reconstruction.torchrun import is_leader
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.weights import NoWeights, PaperWeights, UncertaintyWeights, Weighting
 
 
 @dataclass(frozen=True)
 class Options:
-    """Learn the radiance field. Stopped at any moment, the same command goes on where it was."""
+    """Learn the radiance field. Stopped at any moment, the same command goes on where it was.
+
+    Several processes learn together under torchrun: torchrun --nproc-per-node 2 -m mulan.cli.main train RUN
+    """
 
     run: Annotated[Path, tyro.conf.Positional]
     """Run folder; 'mulan localize' put the posed images there unless --data names others."""
@@ -66,14 +72,22 @@ def images_of(options: Options) -> PosedImageSet:
     return read_transforms(run.transforms)
 
 
-def train_run(run: RunFolder, images: PosedImageSet, weighting: Weighting, config: TrainConfig) -> None:
+def train_run(
+    run: RunFolder,
+    images: PosedImageSet,
+    weighting: Weighting,
+    config: TrainConfig,
+    group: ProcessGroup | None = None,
+) -> None:
     """Train with a progress bar and say how good it became."""
+    if group:
+        console.print(f"{group.place.processes} processes learn together, a part of every batch each")
     console.print(f"{len(images.train)} images to learn from, {len(images.test)} held out")
     if run.checkpoint.exists():
         console.print("Going on with the training that was stopped")
     before = run.field.stat().st_mtime_ns if run.field.exists() else None
     with progress_bar("Training") as progress:
-        metrics = reconstruct(images, weighting, config, run, progress)
+        metrics = reconstruct(images, weighting, config, run, progress, group)
     if before is not None:
         kept = run.field.stat().st_mtime_ns == before
         console.print(
@@ -91,11 +105,17 @@ def main(arguments: Sequence[str]) -> int:
     """Train one run."""
     options = tyro.cli(Options, args=arguments, prog="mulan train")
     run = RunFolder(options.run)
-    images = images_of(options)
-    if options.data is not None:
-        run.check_writable()
-        write_transforms(images, run.transforms)  # the run then holds what plan, render and report need
-    train_run(run, images, weighting_named(options.weighting), options.config)
+    with processes_of_torchrun() as group:
+        with group.all_or_none() if group else nullcontext():
+            images = images_of(options)
+            if options.data is not None and is_leader():
+                run.check_writable()
+                write_transforms(
+                    images, run.transforms
+                )  # the run then holds what plan, render and report need
+        train_run(run, images, weighting_named(options.weighting), options.config, group)
+    if not is_leader():
+        return 0
     run.record_config("train", asdict(options))
     console.print(f"Field: [bold]{run.field}[/]")
     console.print(f"Next: [cyan]mulan plan {options.run}[/]")

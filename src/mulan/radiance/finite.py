@@ -42,3 +42,5 @@ def check_finite_batch(batch: RayBatch) -> None:
     check_finite("weights", batch.weights)
     if not torch.isfinite(batch.colours.sum()):
         check_finite("colours", batch.colours[batch.weights > 0])
+    if batch.opacity is not None:
+        check_finite("opacities", batch.opacity)

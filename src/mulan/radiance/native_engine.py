@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mulan.radiance.config import FieldConfig, MarchConfig
-from mulan.radiance.engine import RadianceEngine, RayBatch, RaySamples, Rendering, StepReport
+from mulan.radiance.engine import RayBatch, RaySamples, Rendering, StepReport
 from mulan.radiance.finite import check_finite, check_finite_batch, check_finite_rays
 from mulan.radiance.kernels.native_buffers import address, native_field, native_scene
 from mulan.radiance.kernels.native_grid import NativeGrid, NativeGridConfig
@@ -28,6 +28,7 @@ from mulan.radiance.networks import RadianceField
 from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.radiance.ray_gradients import RayGradients, native_poses
 from mulan.radiance.space import SceneSpace
+from mulan.radiance.split_step import BatchPart, ParameterGradients, SplitStepEngine
 
 # Networks in the order in which the library keeps them, one after another.
 NETWORKS = (
@@ -52,7 +53,7 @@ class NativeConfig:
     """How the occupancy grid is kept up to date."""
 
 
-class NativeEngine(RadianceEngine):
+class NativeEngine(SplitStepEngine):
     """The field trained and rendered by libmulan_native.
 
     Same arguments and batches give the same numbers bit for bit, whatever the number of threads.
@@ -132,6 +133,51 @@ class NativeEngine(RadianceEngine):
         """One optimiser step, and the gradient of its loss to the rays as it was before the step."""
         gradients = RayGradients(torch.zeros_like(batch.origins), torch.zeros_like(batch.directions))
         return self._train(batch, learning_rate_factor, gradients), gradients
+
+    @property
+    def parameter_count(self) -> int:
+        """See :class:`SplitStepEngine`; the table comes first."""
+        return self._table.numel() + self._networks.numel()
+
+    def gradients(
+        self, batch: RayBatch, part: BatchPart | None = None, out: Float[Tensor, "parameters"] | None = None
+    ) -> tuple[ParameterGradients, StepReport]:
+        """First half of a step; see :class:`SplitStepEngine`."""
+        values = torch.zeros(self.parameter_count) if out is None else out.zero_()
+        first = part.first if part else 0
+        check_finite_batch(batch)
+        rays, _keep = self._rays(batch.origins, batch.directions, self._new_seed(), first)
+        objective, _kept = native_objective(batch, self.optimiser_config, self._scene, self._generator, part)
+        table, networks = values.split([self._table.numel(), self._networks.numel()])
+        wanted = NativeGradients(table=address(table), networks=address(networks))
+        report = NativeStepReport()
+        parameters = self._parameters()
+        check(self._c.mulan_gradients(*self._context(), parameters, rays, objective, wanted, None, report))
+        weight = float(batch.weights.clamp_min(0).sum())
+        return ParameterGradients(values, weight, report.rays), _step_report(report)
+
+    def apply(self, gradients: ParameterGradients, learning_rate_factor: float) -> None:
+        """Second half of a step; see :class:`SplitStepEngine`."""
+        optimiser, skip = self.optimiser_config, not self.native_config.update_untouched
+        table, networks = gradients.values.split([self._table.numel(), self._networks.numel()])
+        rate = optimiser.table_learning_rate * learning_rate_factor
+        mean, square = self._table_moments
+        gradient = table.view_as(self._table)
+        for level in range(self.field_config.levels):
+            if self._field.level_weight[level] != 0:
+                self._adam(self._table[level], mean[level], square[level], gradient[level], rate, skip)
+        rate = optimiser.network_learning_rate * learning_rate_factor
+        mean, square = self._network_moments
+        self._adam(self._networks, mean, square, networks, rate, False)
+        self._finish_step()
+
+    def _adam(
+        self, value: Tensor, mean: Tensor, square: Tensor, gradient: Tensor, rate: float, skip: bool
+    ) -> None:
+        arrays = (address(x) for x in (value, mean, square, gradient))
+        o = self.optimiser_config
+        constants = o.beta1, o.beta2, o.epsilon
+        check(self._c.mulan_adam(value.numel(), *arrays, rate, *constants, self._steps + 1, skip))
 
     def train_step_with_pose_gradients(
         self, batch: RayBatch, learning_rate_factor: float, R_world_camera: Float[Tensor, "images 3 3"]
@@ -296,11 +342,14 @@ class NativeEngine(RadianceEngine):
                 report,
             )
         )
+        self._finish_step()
+        return _step_report(report)
+
+    def _finish_step(self) -> None:
         self._steps += 1
-        if self._steps % optimiser.occupancy_every == 0:
+        if self._steps % self.optimiser_config.occupancy_every == 0:
             parts = self._workspace, self._field, self._scene, self._parameters()
             self._grid.refresh(*parts, self._new_seed())
-        return StepReport(report.loss, report.squared_error / max(report.rays, 1), report.samples)
 
     def _new_seed(self) -> int:
         return int(torch.randint(2**62, (), generator=self._generator))
@@ -311,16 +360,22 @@ class NativeEngine(RadianceEngine):
     def _parameters(self) -> NativeParameters:
         return NativeParameters(address(self._table), address(self._networks))
 
-    def _rays(self, origins: Tensor, directions: Tensor, seed: int | None = None) -> tuple[NativeRays, tuple]:
+    def _rays(
+        self, origins: Tensor, directions: Tensor, seed: int | None = None, first: int = 0
+    ) -> tuple[NativeRays, tuple]:
         """Rays for a call, and the arrays that must outlive it; without a seed samples lie mid-step."""
         origins, directions = origins.contiguous(), directions.contiguous()
         shape = (len(origins), 3)
         at = address(origins, shape), address(directions, shape)
         check_finite_rays(origins, directions)
-        rays = NativeRays(len(origins), *at, seed or 0, seed is not None)
+        rays = NativeRays(len(origins), *at, seed or 0, seed is not None, first)
         return rays, (origins, directions)
 
     @staticmethod
     def _empty_rendering(rays: int) -> tuple[Rendering, NativeRendering]:
         colour, scalars = torch.empty(rays, 3), torch.empty(3, rays).unbind(0)
         return Rendering(colour, *scalars), NativeRendering(address(colour), *(address(x) for x in scalars))
+
+
+def _step_report(report: NativeStepReport) -> StepReport:
+    return StepReport(report.loss, report.squared_error / max(report.rays, 1), report.samples)

@@ -6,7 +6,7 @@ from torch import Tensor
 
 from mulan.radiance.background import random_background
 from mulan.radiance.config import FieldConfig, MarchConfig
-from mulan.radiance.engine import RadianceEngine, RayBatch, RaySamples, Rendering, StepReport
+from mulan.radiance.engine import RayBatch, RaySamples, Rendering, StepReport
 from mulan.radiance.finite import check_finite_batch, check_finite_rays
 from mulan.radiance.kernels.composite import Composite
 from mulan.radiance.kernels.distortion import distortion
@@ -21,11 +21,12 @@ from mulan.radiance.occupancy import OccupancyGrid
 from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.radiance.rendering import FieldSamples, evaluate_rays
 from mulan.radiance.space import SceneSpace
+from mulan.radiance.split_step import BatchPart, ParameterGradients, SplitStepEngine
 
 EXPLORING_SHARE = 0.1  # rays that learn from thin samples too, or nothing could ever grow out of empty space
 
 
-class TorchEngine(RadianceEngine):
+class TorchEngine(SplitStepEngine):
     """Reference implementation of :class:`RadianceEngine` on the CPU.
 
     Two engines with the same arguments and the same batches are equal bit for bit (at one thread count).
@@ -72,7 +73,34 @@ class TorchEngine(RadianceEngine):
 
     def train_step(self, batch: RayBatch, learning_rate_factor: float) -> StepReport:
         """One optimiser step; see :class:`RadianceEngine`."""
-        return self._train(batch, batch.origins, batch.directions, learning_rate_factor)
+        report = self._backward(batch, batch.origins, batch.directions)
+        self._step(learning_rate_factor)
+        return report
+
+    @property
+    def parameter_count(self) -> int:
+        """See :class:`SplitStepEngine`; the order is that of ``field.parameters()``."""
+        return sum(parameter.numel() for parameter in self.field.parameters())
+
+    def gradients(
+        self, batch: RayBatch, part: BatchPart | None = None, out: Float[Tensor, "parameters"] | None = None
+    ) -> tuple[ParameterGradients, StepReport]:
+        """First half of a step; see :class:`SplitStepEngine`."""
+        report = self._backward(batch, batch.origins, batch.directions, part)
+        flat = [
+            (torch.zeros_like(p) if p.grad is None else p.grad).flatten() for p in self.field.parameters()
+        ]
+        values = torch.cat(flat, out=out)
+        used = batch.weights[batch.weights > 0]
+        return ParameterGradients(values, float(used.sum()), len(used)), report
+
+    def apply(self, gradients: ParameterGradients, learning_rate_factor: float) -> None:
+        """Second half of a step; see :class:`SplitStepEngine`."""
+        parameters = list(self.field.parameters())
+        parts = gradients.values.split([parameter.numel() for parameter in parameters])
+        for parameter, gradient in zip(parameters, parts, strict=True):
+            parameter.grad = gradient.view_as(parameter).clone()
+        self._step(learning_rate_factor)
 
     def train_step_with_pose_gradients(
         self, batch: RayBatch, learning_rate_factor: float, R_world_camera: Float[Tensor, "images 3 3"]
@@ -91,30 +119,39 @@ class TorchEngine(RadianceEngine):
         turn, shift = (R_world_camera @ perturbation.view(-1, 2, 3, 1)[:, i] for i in (0, 1))
         origins = batch.origins + shift[batch.image_index, :, 0]
         turned = torch.cross(turn[batch.image_index, :, 0], batch.directions, dim=-1)
-        report = self._train(batch, origins, batch.directions + turned, learning_rate_factor)
+        report = self._backward(batch, origins, batch.directions + turned)
+        self._step(learning_rate_factor)
         gradient = perturbation.grad
         return report, torch.zeros_like(perturbation) if gradient is None else gradient
 
-    def _train(
-        self, batch: RayBatch, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"], factor: float
+    def _backward(
+        self,
+        batch: RayBatch,
+        origins: Float[Tensor, "r 3"],
+        directions: Float[Tensor, "r 3"],
+        part: BatchPart | None = None,
     ) -> StepReport:
         check_finite_batch(batch)
+        part = part or BatchPart.whole(len(batch.weights))
         config = self.optimiser_config
         a_pixel = batch.rays_a_pixel
         pixels = (batch.weights[::a_pixel] > 0).nonzero()[:, 0]
         used = (pixels[:, None] * a_pixel + torch.arange(a_pixel)).flatten()
         origins, directions = origins[used], directions[used]
-        target, weights = batch.colours[::a_pixel][pixels], batch.weights[::a_pixel][pixels]
-        background = self._background
+        weights = batch.weights[::a_pixel][pixels]
+        background, target = self._background, batch.colours[::a_pixel]
         if config.random_background:
-            background, target = random_background(
-                target,
-                batch.opacity if batch.opacity is None else batch.opacity[::a_pixel][pixels],
-                background,
-                self._generator,
-            )
-        jitter = torch.rand(len(used), generator=self._generator)
-        samples = self._evaluate(origins, directions, jitter, learning=True)
+            opacity = None if batch.opacity is None else batch.opacity[::a_pixel]
+            of_pixels = part.in_pixels(a_pixel)
+            background, target = random_background(target, opacity, background, self._generator, of_pixels)
+            background = background[pixels]
+        target = target[pixels]
+        jitter = part.uniform(self._generator)[used]
+        least = self._least_opacity(len(batch.weights))
+        if least is not None:
+            least[part.uniform(self._generator) < EXPLORING_SHARE] = 0.0
+            least = least[used]
+        samples = self._evaluate(origins, directions, jitter, least, config.loss.teaches_variance)
         rendered = samples.composite(len(used))
         seen = over_pixel(rendered.colour, a_pixel)
         error = seen + (1 - over_pixel(rendered.opacity, a_pixel))[:, None] * background - target
@@ -128,6 +165,11 @@ class TorchEngine(RadianceEngine):
             objective = loss + (share * gaussian_likelihood(squared.detach(), variance)).sum()
         self._adam.zero_grad(set_to_none=True)
         objective.backward()
+        mean_squared = float(squared.detach().mean()) if len(used) else 0.0
+        return StepReport(loss=float(loss.detach()), mean_squared_error=mean_squared, samples=samples.marched)
+
+    def _step(self, factor: float) -> None:
+        config = self.optimiser_config
         rates = (config.table_learning_rate, config.network_learning_rate)
         for group, rate in zip(self._adam.param_groups, rates, strict=True):
             group["lr"] = rate * factor
@@ -135,8 +177,6 @@ class TorchEngine(RadianceEngine):
         self._steps += 1
         if self._steps % config.occupancy_every == 0:
             self._refresh_occupancy()
-        mean_squared = float(squared.detach().mean()) if len(used) else 0.0
-        return StepReport(loss=float(loss.detach()), mean_squared_error=mean_squared, samples=samples.marched)
 
     @torch.no_grad()
     def render(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> Rendering:
@@ -148,7 +188,9 @@ class TorchEngine(RadianceEngine):
         parts = []
         for start in range(0, len(origins), self._rays_at_once):
             o = origins[start : start + self._rays_at_once]
-            samples = self._evaluate(o, directions[start : start + len(o)], torch.full((len(o),), 0.5))
+            samples = self._evaluate(
+                o, directions[start : start + len(o)], torch.full((len(o),), 0.5), self._least_opacity(len(o))
+            )
             c = samples.composite(len(o))
             colour = c.colour + (1 - c.opacity)[:, None] * self._background
             parts.append((colour, c.distance_m, c.opacity, c.variance))
@@ -165,7 +207,9 @@ class TorchEngine(RadianceEngine):
         parts = []
         for start in range(0, max(len(origins), 1), self._rays_at_once):
             o = origins[start : start + self._rays_at_once]
-            s = self._evaluate(o, directions[start : start + len(o)], torch.full((len(o),), 0.5))
+            s = self._evaluate(
+                o, directions[start : start + len(o)], torch.full((len(o),), 0.5), self._least_opacity(len(o))
+            )
             parts.append((s.ray_index + start, s.blend, s.colour, s.variance, s.distance_m))
         return RaySamples(*(torch.cat(column) for column in zip(*parts, strict=True)))
 
@@ -211,18 +255,23 @@ class TorchEngine(RadianceEngine):
         # memory stays bounded whatever the occupancy
         return max(1, 2**20 // self.march_config.steps)
 
+    def _least_opacity(self, rays: int) -> Tensor | None:
+        """Opacity below which samples of each ray count as empty, where there is such a bound."""
+        if self.space.unbounded and self._occupancy.is_warm:
+            return torch.full((rays,), self.march_config.least_opacity)
+        return None
+
     def _evaluate(
-        self, origins: Tensor, directions: Tensor, jitter: Tensor, learning: bool = False
+        self,
+        origins: Tensor,
+        directions: Tensor,
+        jitter: Tensor,
+        least: Tensor | None,
+        teaches_variance: bool = False,
     ) -> FieldSamples:
         march, occupied = self.march_config, self._occupancy.occupied
-        least = None
-        if self.space.unbounded and self._occupancy.is_warm:
-            least = torch.full((len(origins),), march.least_opacity)
-            if learning:
-                least[torch.rand(len(origins), generator=self._generator) < EXPLORING_SHARE] = 0.0
-        teaches = learning and self.optimiser_config.loss.teaches_variance
         return evaluate_rays(
-            self.field, self.space, march, occupied, origins, directions, jitter, least, teaches
+            self.field, self.space, march, occupied, origins, directions, jitter, least, teaches_variance
         )
 
     def _cost(

@@ -14,10 +14,11 @@ from mulan.mission.run_folder import RunFolder, write_atomically
 from mulan.radiance.engine import RadianceEngine, Rendering
 from mulan.reconstruction.captured_image import CapturedImage
 from mulan.reconstruction.dataset import ImageTensors
+from mulan.reconstruction.posed_pixels import PosedPixels
 from mulan.reconstruction.sub_pixels import Renders
 
 
-def psnr_db(engine: Renders, images: ImageTensors, index: int, sub_pixels: int = 1) -> float:
+def psnr_db(engine: Renders, images: PosedPixels, index: int, sub_pixels: int = 1) -> float:
     """Peak signal-to-noise ratio of one rendered view against its photograph (colours in [0, 1])."""
     return _psnr_db(images.render(engine, index, sub_pixels).colour, images.image_rays(index).colours)
 
@@ -45,12 +46,12 @@ def evaluate_held_out(
     """
     if not test:
         return {"psnr_db": None, "ssim": None, "views": []}
-    images = ImageTensors(test)
     kept = {int(i) for i in np.linspace(0, len(test) - 1, min(keep, len(test))).round()} if keep else set()
     views = []
     for i, image in enumerate(test):
-        rays = images.image_rays(i)
-        rendering = images.render(engine, i, sub_pixels)
+        # one at a time: all of them together may not fit into memory
+        view = ImageTensors([image])
+        rays, rendering = view.image_rays(0), view.render(engine, 0, sub_pixels)
         h, w = image.colour.shape[:2]
         view = {
             "name": image.posed.path.name,

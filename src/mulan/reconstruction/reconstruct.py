@@ -3,12 +3,13 @@
 import hashlib
 import json
 from collections.abc import Callable
-from dataclasses import asdict
+from contextlib import nullcontext
 from typing import Any
 
 from mulan.mission.posed_images import PosedImage, PosedImageSet
 from mulan.mission.run_folder import RunFolder, read_json, write_json
 from mulan.reconstruction.held_out import evaluate_held_out
+from mulan.reconstruction.process_group import ProcessGroup
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.trainer import TrainingStatus, train
 from mulan.reconstruction.weights import Weighting
@@ -18,9 +19,16 @@ Progress = Callable[[float, float, str], None]
 
 
 def reconstruct(
-    images: PosedImageSet, weighting: Weighting, config: TrainConfig, run: RunFolder, progress: Progress
+    images: PosedImageSet,
+    weighting: Weighting,
+    config: TrainConfig,
+    run: RunFolder,
+    progress: Progress,
+    group: ProcessGroup | None = None,
 ) -> dict[str, Any]:
     """Train and evaluate; a run already finished with the same images and options is kept as it is.
+
+    Each process of ``group`` calls this with the same arguments; all learn, the leader writes and evaluates.
 
     Returns:
         What it writes to metrics.json: ``psnr_db``, ``ssim`` (None without held-out views), ``views``,
@@ -29,34 +37,52 @@ def reconstruct(
     Raises:
         InputError: See :func:`mulan.reconstruction.trainer.train`.
     """
-    run.check_writable()
+    leads, finished = group is None or group.leads, None
     made_from = fingerprint(images, weighting, config)
-    if run.metrics.exists() and run.field.exists():
-        finished = read_json(run.metrics, "mulan train")
-        if finished.get("made_from") == made_from:
-            progress(1, 1, "finished earlier")
-            return finished
+    if group:
+        made_from += f"x{group.place.processes}"
+    with group.all_or_none() if group else nullcontext():
+        if leads:
+            run.check_writable()
+            finished = _finished(run, made_from)
+    if group:
+        finished = group.broadcast_json(finished)
+    if finished:
+        progress(1, 1, "finished earlier")
+        return finished
 
     def follow(status: TrainingStatus) -> None:
         rate = status.samples / max(status.seconds, 1e-9) / 1e6
         progress(status.fraction_done, 1, f"train {status.train_psnr_db:.1f} dB, {rate:.2f} M samples/s")
 
-    result = train(images, weighting, config, run, follow)
+    result = train(images, weighting, config, run, follow, group)
     progress(1, 1, "rendering held-out views")
     metrics = {
-        **evaluate_held_out(result.engine, result.test, run, sub_pixels=result.description.sub_pixels),
         "train_seconds": result.seconds,
         "steps": result.steps,
         "samples_per_s": result.samples / max(result.seconds, 1e-9),
         "made_from": made_from,
     }
-    write_json(run.metrics, metrics)
-    return metrics
+    with group.all_or_none() if group else nullcontext():
+        if leads:
+            sub_pixels = result.description.sub_pixels
+            metrics |= evaluate_held_out(result.engine, result.test, run, sub_pixels=sub_pixels)
+            write_json(run.metrics, metrics)
+    return group.broadcast_json(metrics) if group else metrics
+
+
+def _finished(run: RunFolder, made_from: str) -> dict[str, Any] | None:
+    """Metrics of a run finished with the same images and options."""
+    if run.metrics.exists() and run.field.exists():
+        metrics = read_json(run.metrics, "mulan train")
+        if metrics.get("made_from") == made_from:
+            return metrics
+    return None
 
 
 def fingerprint(images: PosedImageSet, weighting: Weighting, config: TrainConfig) -> str:
     """A digest of everything a reconstruction depends on: image files, poses, covariances, options."""
-    digest = hashlib.sha256(f"{weighting} {json.dumps(asdict(config), sort_keys=True)}".encode())
+    digest = hashlib.sha256(f"{weighting} {json.dumps(config.what_is_learnt(), sort_keys=True)}".encode())
     for image in (*images.train, *images.test):
         digest.update(_image_bytes(image))
     return digest.hexdigest()[:16]

@@ -1,8 +1,9 @@
 """Options of a training."""
 
 import math
-from dataclasses import dataclass
-from typing import Annotated
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any
 
 from tyro.conf import EnumChoicesFromValues, arg
 
@@ -24,8 +25,8 @@ class TrainConfig:
     steps: int | None = None
     """Optimiser steps; overrides the time budget and makes the result repeatable bit for bit."""
     batch_samples: int | None = None
-    """Field evaluations a step at the end of the training, to which the number of rays adapts; if not given
-    16384, on a GPU 262144."""
+    """Field evaluations a step of each process at the end of the training; the number of rays adapts to it.
+    If not given 16384, on a GPU 262144."""
     first_batch_samples: int | None = None
     """Field evaluations of the first step, from which they grow by equal factors in equal shares of the
     training; chosen by the kind of scene and the length of the training if not given."""
@@ -41,6 +42,10 @@ class TrainConfig:
     """Seconds of learning between points of the training curve."""
     checkpoint_every_s: float = 10.0
     """Seconds of learning between checkpoints."""
+    image_memory_share: float = 0.5
+    """Share of the free memory decoded photographs may take; larger sets are decoded into files instead."""
+    image_cache: Path | None = None
+    """Folder for those files; 'decoded' in the run folder if not given."""
     device: EnumChoicesFromValues[Device] = Device.AUTO
     """Where to compute; auto takes the GPU if there is one. Training goes on elsewhere if sizes are given."""
     field: FieldConfig | None = None
@@ -56,6 +61,13 @@ class TrainConfig:
     def quick(self) -> bool:
         """Whether the rough shape matters more than the last detail (``benchmarks/bounded.py``)."""
         return self.time_budget_s <= QUICK_S if self.steps is None else self.steps <= QUICK_STEPS
+
+    def what_is_learnt(self) -> dict[str, Any]:
+        """The options the result depends on, not those on reports and files."""
+        options = asdict(self)
+        for name in ("evaluate_every_s", "checkpoint_every_s", "image_memory_share", "image_cache"):
+            del options[name]
+        return options
 
     def fraction_done(self, steps: int, seconds: float) -> float:
         """Share of the training behind us, 1 when it is over."""

@@ -3,7 +3,8 @@
 import math
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -13,18 +14,22 @@ from mulan.mission.posed_images import PosedImageSet
 from mulan.mission.run_folder import RunFolder, write_json
 from mulan.radiance.engine import RadianceEngine
 from mulan.radiance.optimiser_config import OptimiserConfig
-from mulan.reconstruction.captured_image import CapturedImage, load_captured
+from mulan.reconstruction.captured_image import CapturedImage
 from mulan.reconstruction.checkpoint import Progress, read_checkpoint, write_checkpoint
+from mulan.reconstruction.data_parallel import DataParallel
 from mulan.reconstruction.dataset import ImageTensors
 from mulan.reconstruction.field_choice import choose_field, choose_march, choose_optimiser
 from mulan.reconstruction.field_file import FieldDescription, save_field
 from mulan.reconstruction.held_out import psnr_db
+from mulan.reconstruction.photographs import load_photographs
+from mulan.reconstruction.posed_pixels import PosedPixels
+from mulan.reconstruction.process_group import ProcessGroup
 from mulan.reconstruction.scene_space import choose_space
 from mulan.reconstruction.sub_pixels import Antialiasing
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.weights import Weighting
 
-MAX_RAYS = 16384  # with the CPU's batch
+MAX_RAYS = 16384  # of one process, with the CPU's batch
 CURVE_POINTS = 5  # at least, of a training with a time budget
 CURVE_VIEWS = 4  # test views behind each point of the training curve
 SMOOTHING = 0.95  # of the running mean squared error shown in the curve
@@ -79,6 +84,7 @@ def train(
     config: TrainConfig,
     run: RunFolder,
     progress: Callable[[TrainingStatus], None] | None = None,
+    group: ProcessGroup | None = None,
 ) -> TrainingResult:
     """Learn a field and write it to the run, resuming an unfinished training of the same options and images.
 
@@ -91,14 +97,38 @@ def train(
         config: Options.
         run: Folder to write to.
         progress: Called after every step.
+        group: The processes that train together; each calls this with the same arguments, one writes.
 
     Raises:
         InputError: There is no photograph, one is damaged, no pixel has weight, an option makes no sense, or
             an unfinished training in the run was started with other options or images.
     """
+    with group.all_or_none() if group else nullcontext():
+        loop, description = _prepare(images, weighting, config, run, group)
+    loop.start()
+    loop.run_to_end(progress)
+    state = loop.state
+    with group.all_or_none() if group else nullcontext():
+        if group is None or group.leads:
+            save_field(run.field, loop.engine, description)
+            write_json(run.history, list(state.history))
+            run.checkpoint.unlink(missing_ok=True)
+    return TrainingResult(
+        loop.engine, description, loop.test, state.history, state.steps, state.seconds, state.samples
+    )
+
+
+def _prepare(
+    images: PosedImageSet,
+    weighting: Weighting,
+    config: TrainConfig,
+    run: RunFolder,
+    group: ProcessGroup | None,
+) -> tuple["_Loop", FieldDescription]:
+    """The photographs in memory and an untrained field."""
     _check(images, config)
-    captured = load_captured(images.train, config.image_size)
-    test = load_captured(images.test, config.image_size)
+    photographs = load_photographs(images, config, run.root / "decoded", group)
+    captured, test = photographs.train, photographs.test
     space = choose_space(captured)
     device = config.device.resolve()
     on_gpu = device.type == "cuda"
@@ -106,20 +136,15 @@ def train(
     march = config.march or choose_march(config.image_size, space.unbounded, config.quick, on_gpu)
     antialiasing = Antialiasing.choose(config.antialias_share, space.unbounded, on_gpu)
     description = FieldDescription(field, march, space, not space.unbounded, antialiasing.sub_pixels)
-    data = ImageTensors(captured, weighting.weight_maps(captured, space))
+    data = photographs.with_weights(weighting, space)
     if not data.drawable_pixels:
         raise InputError(images.source, "weights", "are zero everywhere", "use weights that keep some images")
     optimiser = choose_optimiser(space.unbounded, config.quick and not on_gpu)
     engine = description.new_engine(config.seed, optimiser, device)
     data.move_to(device)
     identity = _identity(config, weighting, description, optimiser, data)
-    loop = _Loop(config, space.unbounded, antialiasing, engine, data, test, run, identity)
-    loop.run_to_end(progress)
-    state = loop.state
-    save_field(run.field, engine, description)
-    write_json(run.history, list(state.history))
-    run.checkpoint.unlink(missing_ok=True)
-    return TrainingResult(engine, description, test, state.history, state.steps, state.seconds, state.samples)
+    identity["processes"] = group.place.processes if group else 1
+    return _Loop(config, space.unbounded, antialiasing, engine, data, test, run, identity, group), description
 
 
 class _Loop:
@@ -131,27 +156,43 @@ class _Loop:
         unbounded: bool,
         antialiasing: Antialiasing,
         engine: RadianceEngine,
-        data: ImageTensors,
+        data: PosedPixels,
         test: tuple[CapturedImage, ...],
         run: RunFolder,
         identity: dict[str, Any],
+        group: ProcessGroup | None,
     ) -> None:
-        self._config, self._engine, self._data, self._run = config, engine, data, run
+        self._config, self._data, self._run = config, data, run
+        self.engine, self.test = engine, test
+        self._group, self._together = group, None
+        self._processes = group.place.processes if group else 1
+        self._writes = group is None or group.leads
         self._identity, self._antialiasing = identity, antialiasing
         self._unbounded, self._on_gpu = unbounded, engine.device.type == "cuda"
         self._curve_views = ImageTensors(test[:: max(1, len(test) // CURVE_VIEWS)]) if test else None
         self._sampler = torch.Generator().manual_seed(config.seed + 1)
         self.state = Progress()
-        if run.checkpoint.exists():
+        if self._writes and run.checkpoint.exists():
             tensors, self._sampler, self.state = read_checkpoint(run.checkpoint, identity)
             try:
                 engine.load_state(tensors)
             except ValueError as error:
                 raise InputError(run.checkpoint, "field", str(error), "delete it to start anew") from error
+        self._saved_s = self._evaluated_s = 0.0
+
+    def start(self) -> None:
+        """Agree with the other processes on where to begin."""
+        if self._group:
+            self._together = DataParallel(self._group, self.engine)
+            self.state = self._together.share(self._sampler, self.state)
         # a resumed training owes its next checkpoint and curve point from where it stands
         self._saved_s = self._evaluated_s = self.state.seconds
 
     def run_to_end(self, progress: Callable[[TrainingStatus], None] | None) -> None:
+        with self._together.stopping_together() if self._together else nullcontext():
+            self._run_to_end(progress)
+
+    def _run_to_end(self, progress: Callable[[TrainingStatus], None] | None) -> None:
         try:
             while self._config.fraction_done(self.state.steps, self.state.seconds) < 1:
                 self._advance()
@@ -171,24 +212,36 @@ class _Loop:
             self._add_to_history()
         if seconds - self._saved_s >= config.checkpoint_every_s:
             self._save()
+        if self._together and self._together.stop_agreed:
+            raise KeyboardInterrupt
 
     def _save(self) -> None:
         self._saved_s = self.state.seconds
-        tensors = self._engine.state()
+        if self._together:
+            self.state = self._together.share(self._sampler, self.state)
+        if not self._writes:
+            return
+        tensors = self.engine.state()
         write_checkpoint(self._run.checkpoint, tensors, self._sampler, self.state, self._identity)
 
     def _step(self, learning_rate_factor: float) -> None:
         s = self.state
         began = time.perf_counter()
-        draw = self._data.sample_pairs if self._pixels_are_pairs else self._data.sample
-        report = self._engine.train_step(draw(s.rays, self._sampler), learning_rate_factor)
-        seconds = s.seconds + time.perf_counter() - began
+        pairs = self._pixels_are_pairs
+        if self._together:
+            report, took = self._together.step(self._data, s.rays, pairs, self._sampler, learning_rate_factor)
+        else:
+            draw = self._data.sample_pairs if pairs else self._data.sample
+            report = self.engine.train_step(draw(s.rays, self._sampler), learning_rate_factor)
+            took = time.perf_counter() - began
+        seconds = s.seconds + took
         error = report.mean_squared_error
         if s.mean_squared_error is not None:
             error = SMOOTHING * s.mean_squared_error + (1 - SMOOTHING) * error
         config = self._config
         done = config.fraction_done(s.steps, s.seconds)
-        rays = next_rays(s.rays, report.samples, config.batch_samples_at(done, self._unbounded, self._on_gpu))
+        target = config.batch_samples_at(done, self._unbounded, self._on_gpu)
+        rays = next_rays(s.rays, report.samples, target, self._processes)
         samples = s.samples + report.samples
         self.state = Progress(s.steps + 1, seconds, rays, samples, report.loss, error, s.history)
 
@@ -209,13 +262,15 @@ class _Loop:
             s.seconds,
             s.samples,
             _decibel(s.mean_squared_error),
-            self._engine,
+            self.engine,
             self._sub_pixels,
         )
 
     def _add_to_history(self) -> None:
         views, s = self._curve_views, self.state
-        test = [psnr_db(self._engine, views, i, self._sub_pixels) for i in range(len(views))] if views else []
+        test = []
+        if views and self._writes:
+            test = [psnr_db(self.engine, views, i, self._sub_pixels) for i in range(len(views))]
         point = {
             "seconds": round(s.seconds, 3),
             "steps": s.steps,
@@ -235,6 +290,7 @@ def _check(images: PosedImageSet, config: TrainConfig) -> None:
         ("--image-size", config.image_size),
         ("--batch-samples", 1 if config.batch_samples is None else config.batch_samples),
         ("--first-batch-samples", 1 if config.first_batch_samples is None else config.first_batch_samples),
+        ("--image-memory-share", config.image_memory_share),
         ("--steps", 1 if config.steps is None else config.steps),
     ):
         if not (math.isfinite(value) and value > 0):
@@ -252,11 +308,11 @@ def _identity(
     weighting: Weighting,
     description: FieldDescription,
     optimiser: OptimiserConfig,
-    data: ImageTensors,
+    data: PosedPixels,
 ) -> dict[str, Any]:
     """What must be the same for a training to be resumed; how often it reports may change."""
-    options = asdict(config)
-    for name in ("evaluate_every_s", "checkpoint_every_s", "device", "field", "march"):
+    options = config.what_is_learnt()
+    for name in ("device", "field", "march"):
         del options[name]
     return {
         **options,
@@ -267,10 +323,10 @@ def _identity(
     }
 
 
-def next_rays(rays: int, samples: int, target: int) -> int:
-    """Rays that would have met the target, at most doubled or halved at a time."""
-    wanted = int(rays * target / max(samples, 1))
-    return max(32, min(max(wanted, rays // 2), rays * 2, max(MAX_RAYS, target // 2)))
+def next_rays(rays: int, samples: int, target: int, processes: int = 1) -> int:
+    """Rays of all processes that would have met each one's target, at most doubled or halved at a time."""
+    wanted = int(rays * target * processes / max(samples, 1))
+    return max(32, min(max(wanted, rays // 2), rays * 2, max(MAX_RAYS, target // 2) * processes))
 
 
 def _decibel(mean_squared_error: float | None) -> float:

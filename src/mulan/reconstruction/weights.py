@@ -24,9 +24,15 @@ class Weighting(ABC):
     def weight_map(self, image: CapturedImage, space: SceneSpace) -> Float[Tensor, "h w"]:
         """Weight of each pixel of one image, before any comparison with the others."""
 
-    def weight_maps(self, images: Sequence[CapturedImage], space: SceneSpace) -> list[Float[Tensor, "h w"]]:
-        """Weights of all images of a set; zero means the pixel is ignored."""
-        return [self.weight_map(image, space) for image in images]
+    def relative(self, weight_map: Float[Tensor, "h w"], best_mean: float) -> Float[Tensor, "h w"]:  # noqa: ARG002
+        """The final weights, given the largest mean any map of the set has; zero means ignored."""
+        return weight_map
+
+    def weight_maps(self, images: Sequence[CapturedImage], space: SceneSpace) -> list[Float[Tensor, "_ _"]]:
+        """Weights of all images of a set."""
+        maps = [self.weight_map(image, space) for image in images]
+        best = max((float(m.mean()) for m in maps), default=1.0)
+        return [self.relative(m, best) for m in maps]
 
 
 @dataclass(frozen=True)
@@ -85,12 +91,10 @@ class UncertaintyWeights(Weighting):
         variance = local_variance(image.colour_fraction, projected_sigma_px(image, space))
         return torch.from_numpy(self.colour_variance / (self.colour_variance + variance)).float()
 
-    def weight_maps(self, images: Sequence[CapturedImage], space: SceneSpace) -> list[Float[Tensor, "h w"]]:
-        """Maps relative to the mean weight of the best image, zero below the threshold, at most 1."""
-        maps = super().weight_maps(images, space)
-        best = max((float(m.mean()) for m in maps), default=1.0)
-        relative = [(m / best).clamp_max(1.0) for m in maps]
-        return [torch.where(m < self.threshold, 0.0, m) for m in relative]
+    def relative(self, weight_map: Float[Tensor, "h w"], best_mean: float) -> Float[Tensor, "h w"]:
+        """Relative to the best image's mean, at most 1, zero below the threshold."""
+        relative = (weight_map / best_mean).clamp_max(1.0)
+        return torch.where(relative < self.threshold, 0.0, relative)
 
 
 def projected_sigma_px(image: CapturedImage, space: SceneSpace) -> float:

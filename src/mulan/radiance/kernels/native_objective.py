@@ -9,12 +9,17 @@ from mulan.radiance.kernels.native_buffers import address
 from mulan.radiance.kernels.native_structures import NativeObjective, NativeScene
 from mulan.radiance.loss import ColourLoss, GaussianLikelihoodLoss, HuberLoss, SquaredLoss
 from mulan.radiance.optimiser_config import OptimiserConfig
+from mulan.radiance.split_step import BatchPart
 
 
 def native_objective(
-    batch: RayBatch, config: OptimiserConfig, scene: NativeScene, generator: torch.Generator
+    batch: RayBatch,
+    config: OptimiserConfig,
+    scene: NativeScene,
+    generator: torch.Generator,
+    part: BatchPart | None = None,
 ) -> tuple[NativeObjective, tuple[Tensor, ...]]:
-    """Objective of a step, and the arrays that must outlive it.
+    """Objective of a step on a batch (or a part of a joint one), and the arrays that must outlive it.
 
     Raises:
         ValueError: The library does not know the loss, or random backgrounds lack opacities.
@@ -26,7 +31,8 @@ def native_objective(
         # one background a pixel, whatever the number of its rays
         each = batch.rays_a_pixel
         opacity = None if batch.opacity is None else batch.opacity[::each]
-        drawn = random_background(colours[::each], opacity, own, generator)
+        pixels = None if part is None else part.in_pixels(each)
+        drawn = random_background(colours[::each], opacity, own, generator, pixels)
         backgrounds, colours = (x.repeat_interleave(each, 0) for x in drawn)
     colours = colours.contiguous()
     rays = len(weights)

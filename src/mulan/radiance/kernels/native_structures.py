@@ -68,6 +68,7 @@ class NativeRays(ctypes.Structure):
         ("directions", c_void_p),
         ("seed", c_uint64),
         ("jitter", c_int32),
+        ("first", c_int64),
     )
 
 

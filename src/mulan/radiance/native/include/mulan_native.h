@@ -66,6 +66,7 @@ typedef struct {
     const float* directions;  // [r, 3] unit
     uint64_t seed;            // of the sampling jitter
     int32_t jitter;           // 0: samples at the middle of their step
+    int64_t first;            // number of the first ray in the joint batch these are part of; the jitter goes by it
 } MulanRays;
 
 // What a step learns from.

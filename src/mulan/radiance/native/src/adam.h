@@ -5,6 +5,15 @@
 
 namespace mulan::MULAN_ISA {
 
+// Which product is fused is not the compiler's choice: wherever Adam is inlined it gives the same bits.
+inline float multiply_add(float a, float b, float c) {
+#ifdef __FP_FAST_FMAF
+    return __builtin_fmaf(a, b, c);
+#else
+    return a * b + c;
+#endif
+}
+
 struct AdamStep {
     float rate, beta1, beta2, epsilon, correction;  // rate includes the mean's bias correction
     bool skip_untouched;
@@ -16,9 +25,9 @@ struct AdamStep {
     }
 
     void update(float& value, float& mean, float& square, float g) const {
-        mean = beta1 * mean + (1 - beta1) * g;
-        square = beta2 * square + (1 - beta2) * g * g;
-        value -= rate * mean / (__builtin_sqrtf(square) * correction + epsilon);
+        mean = multiply_add(beta1, mean, (1 - beta1) * g);
+        square = multiply_add(beta2, square, (1 - beta2) * g * g);
+        value -= rate * mean / multiply_add(__builtin_sqrtf(square), correction, epsilon);
     }
 };
 

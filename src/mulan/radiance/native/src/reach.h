@@ -75,7 +75,7 @@ inline void forget_unreached(const FoundSamples& f, int count) {
         ReachBlock block;
         for (int i = begin; i < end; ++i) {
             if (f.counts[i] == 0) continue;
-            const bool exploring = uniform(f.rays.seed, (uint32_t)(f.wave_first + i), 4) < exploring_share;
+            const bool exploring = uniform(f.rays.seed, (uint32_t)(f.rays.first + f.wave_first + i), 4) < exploring_share;
             block.alive[block.rays++] = {i, 0, 0, 1.0f, exploring ? 0.0f : f.march.occupancy.least_opacity};
         }
         while (block.rays > 0) reach_further(f, tile, block);

@@ -44,7 +44,7 @@ inline const float* prepare_march_table(MulanWorkspace& w, const MulanScene& sce
 }
 
 inline float ray_jitter(const MulanRays& rays, int64_t ray) {
-    return rays.jitter ? uniform(rays.seed, (uint32_t)ray, 0) : 0.5f;
+    return rays.jitter ? uniform(rays.seed, (uint32_t)(rays.first + ray), 0) : 0.5f;
 }
 
 }  // namespace mulan::MULAN_ISA
