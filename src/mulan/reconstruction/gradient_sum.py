@@ -90,7 +90,7 @@ class GradientSum:
         return self._sum if self._shared is None else self._shared[self._step][self._group.place.rank]
 
     def total(self, shares: list[float]) -> Float[Tensor, "parameters"]:
-        """Sum of all gradients times their shares (which sum to one), the same bits everywhere; ends the step.
+        """Sum of all gradients times their shares (which sum to one), equal everywhere; ends the step.
 
         Every process calls this after all have met (:class:`Meeting`) with their gradients in place.
         """
