@@ -143,13 +143,13 @@ class NativeEngine(SplitStepEngine):
         self, batch: RayBatch, part: BatchPart | None = None, out: Float[Tensor, "parameters"] | None = None
     ) -> tuple[ParameterGradients, StepReport]:
         """First half of a step; see :class:`SplitStepEngine`."""
-        values = torch.zeros(self.parameter_count) if out is None else out.zero_()
+        values = torch.empty(self.parameter_count) if out is None else out
         first = part.first if part else 0
         check_finite_batch(batch)
         rays, _keep = self._rays(batch.origins, batch.directions, self._new_seed(), first)
         objective, _kept = native_objective(batch, self.optimiser_config, self._scene, self._generator, part)
         table, networks = values.split([self._table.numel(), self._networks.numel()])
-        wanted = NativeGradients(table=address(table), networks=address(networks))
+        wanted = NativeGradients(table=address(table), networks=address(networks), fresh=1)
         report = NativeStepReport()
         parameters = self._parameters()
         check(self._c.mulan_gradients(*self._context(), parameters, rays, objective, wanted, None, report))

@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import torch
-from torch import Tensor
 
 from mulan.errors import InputError
 from mulan.radiance.engine import RadianceEngine, StepReport
 from mulan.radiance.split_step import BatchPart, ParameterGradients, SplitStepEngine
 from mulan.reconstruction.checkpoint import Progress
 from mulan.reconstruction.gradient_sum import GradientSum
+from mulan.reconstruction.meeting import meeting_of
 from mulan.reconstruction.posed_pixels import PosedPixels
 from mulan.reconstruction.process_group import ProcessGroup
 
@@ -39,6 +39,7 @@ class DataParallel:
                 "add --device cpu, or start just one",
             )
         self._group, self._engine = group, engine
+        self._meeting = meeting_of(group)
         self._sum = GradientSum(group, engine.parameter_count, engine.device)
         self._stop_asked = self.stop_agreed = False
         self._owed_s = 0.0
@@ -76,19 +77,21 @@ class DataParallel:
         except Exception as caught:
             error = caught
         meeting = time.perf_counter()
-        told = _Told.of(gradients, report, place.rank, place.processes)
-        told.numbers[_Told.SECONDS] = self._owed_s + meeting - began if place.leads else 0.0
-        told.numbers[_Told.STOP], told.numbers[_Told.FAILED] = self._stop_asked, error is not None
-        self._group.sum(told.numbers)
-        if told.numbers[_Told.FAILED] > 0:
+        took_s = self._owed_s + meeting - began if place.leads else 0.0
+        told = _told(gradients, report, place.rank, place.processes)
+        seconds, stop, failed, loss, squared_error, used, samples, *weights = self._meeting.sum(
+            [took_s, float(self._stop_asked), float(error is not None), *told]
+        )
+        if failed > 0:
             with self._group.all_or_none():
                 if error is not None:
                     raise error
-        joint, total = told.gradients(self._sum)
-        self._engine.apply(joint, learning_rate_factor)
-        self.stop_agreed = bool(told.numbers[_Told.STOP] > 0)
+        weight = max(sum(weights), 1e-12)
+        values = self._sum.total([w / weight for w in weights])
+        self._engine.apply(ParameterGradients(values, weight, int(used)), learning_rate_factor)
+        self.stop_agreed = stop > 0
         self._owed_s = time.perf_counter() - meeting
-        return total, float(told.numbers[_Told.SECONDS])
+        return StepReport(loss / weight, squared_error / max(used, 1), int(samples)), seconds
 
     def share(self, sampler: torch.Generator, progress: Progress) -> Progress:
         """Give everyone the leader's engine, sampler and progress.
@@ -125,32 +128,11 @@ class DataParallel:
                 signal.signal(number, handler)
 
 
-class _Told:
-    """What processes tell one another in a step: a few sums, then each one's total weight."""
-
-    LOSS, SQUARED_ERROR, RAYS, SAMPLES, SECONDS, STOP, FAILED, WEIGHTS = range(8)
-
-    def __init__(self, numbers: Tensor) -> None:
-        self.numbers = numbers
-
-    @staticmethod
-    def of(gradients: ParameterGradients | None, report: StepReport, rank: int, processes: int) -> "_Told":
-        numbers = torch.zeros(_Told.WEIGHTS + processes, dtype=torch.float64)
-        if gradients is not None:
-            numbers[_Told.LOSS] = report.loss * gradients.weight
-            numbers[_Told.SQUARED_ERROR] = report.mean_squared_error * gradients.rays
-            numbers[_Told.RAYS] = gradients.rays
-            numbers[_Told.SAMPLES] = report.samples
-            numbers[_Told.WEIGHTS + rank] = gradients.weight
-        return _Told(numbers)
-
-    def gradients(self, rows: GradientSum) -> tuple[ParameterGradients, StepReport]:
-        """The joint batch's, from the sums."""
-        told = self.numbers.tolist()
-        weights = told[_Told.WEIGHTS :]
-        weight, rays = max(sum(weights), 1e-12), int(told[_Told.RAYS])
-        values = rows.total([w / weight for w in weights])
-        report = StepReport(
-            told[_Told.LOSS] / weight, told[_Told.SQUARED_ERROR] / max(rays, 1), int(told[_Told.SAMPLES])
-        )
-        return ParameterGradients(values, weight, rays), report
+def _told(gradients: ParameterGradients | None, report: StepReport, rank: int, processes: int) -> list[float]:
+    """What a process says of its part of a batch; the sums over the processes are the joint batch's."""
+    weights = [0.0] * processes
+    if gradients is None:
+        return [0.0] * 4 + weights
+    weights[rank] = gradients.weight
+    loss, squared_error = report.loss * gradients.weight, report.mean_squared_error * gradients.rays
+    return [loss, squared_error, float(gradients.rays), float(report.samples), *weights]

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from mulan.reconstruction.process_group import ProcessGroup
 
+_PIECE = 2**17  # floats
 _TOKEN_BYTES = 64  # begins the shared file; floats follow, aligned
 
 
@@ -89,17 +90,27 @@ class GradientSum:
         return self._sum if self._shared is None else self._shared[self._step][self._group.place.rank]
 
     def total(self, shares: list[float]) -> Float[Tensor, "parameters"]:
-        """Sum of all gradients times their shares, the same bits everywhere; begins the next step.
+        """Sum of all gradients times their shares (which sum to one), equal everywhere; ends the step.
 
-        Every process calls this after all have met (:meth:`ProcessGroup.sum`) with their gradients in place.
+        Every process calls this after all have met (:class:`Meeting`) with their gradients in place.
         """
         if self._shared is None:
             self._sum *= shares[self._group.place.rank]
             self._group.sum(self._sum)
         else:
-            rows = self._shared[self._step]
-            torch.mul(rows[0], shares[0], out=self._sum)
-            for row, share in zip(rows[1:], shares[1:], strict=True):
-                self._sum.add_(row, alpha=share)
+            _weighted_mean(self._shared[self._step], shares, self._sum)
         self._step += 1
         return self._sum
+
+
+def _weighted_mean(
+    rows: Float[Tensor, "processes parameters"], shares: list[float], out: Float[Tensor, "parameters"]
+) -> None:
+    """Mean of the rows under shares that sum to one, as a running mean: one pass where there are two rows."""
+    # piece by piece, so that the running mean of many rows stays in the cache
+    for piece, mean in zip(rows.split(_PIECE, dim=1), out.split(_PIECE), strict=True):
+        before, weight = piece[0], shares[0]
+        for row, share in zip(piece[1:], shares[1:], strict=True):
+            weight += share
+            torch.lerp(before, row, share / weight if weight > 0 else 0.0, out=mean)
+            before = mean

@@ -32,7 +32,7 @@ class ProcessGroup:
         cuda = torch.cuda.is_available() and dist.is_nccl_available()
         if cuda:
             torch.cuda.set_device(place.local_rank % torch.cuda.device_count())
-        with self._connected():
+        with self.connected():
             dist.init_process_group("cpu:gloo,cuda:nccl" if cuda else "gloo", timeout=LONGEST_WAIT)
 
     @property
@@ -46,19 +46,19 @@ class ProcessGroup:
 
     def sum(self, tensor: Tensor) -> None:
         """Replace a tensor by its sum over the processes; every process has the same bits afterwards."""
-        with self._connected():
+        with self.connected():
             dist.all_reduce(tensor)
 
     def gather(self, tensor: Tensor) -> list[Tensor]:
         """Every process's tensor of one shape, in order."""
         parts = [torch.empty_like(tensor) for _ in range(self.place.processes)]
-        with self._connected():
+        with self.connected():
             dist.all_gather(parts, tensor)
         return parts
 
     def broadcast(self, tensor: Tensor) -> None:
         """Replace a tensor by the leader's."""
-        with self._connected():
+        with self.connected():
             dist.broadcast(tensor, 0)
 
     def broadcast_json(self, value: Any) -> Any:
@@ -119,10 +119,15 @@ class ProcessGroup:
         return self.place.name, "training", problem[:1000], "its own output says where"
 
     @contextmanager
-    def _connected(self) -> Iterator[None]:
+    def connected(self) -> Iterator[None]:
+        """Turn what a lost connection raises into a sentence.
+
+        Raises:
+            InputError: The connection to another process was lost or could not be made.
+        """
         try:
             yield
-        except RuntimeError as error:
+        except (RuntimeError, OSError) as error:
             raise InputError(
                 self.place.name,
                 "connection",

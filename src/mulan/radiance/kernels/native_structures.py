@@ -108,6 +108,7 @@ class NativeGradients(ctypes.Structure):
         ("networks", c_void_p),
         ("origins", c_void_p),
         ("directions", c_void_p),
+        ("fresh", c_int32),
     )
 
 

@@ -94,10 +94,11 @@ typedef struct {
 
 // Where gradients go; null where they are not wanted.
 typedef struct {
-    float* table;       // [L, T, 2], added to
-    float* networks;    // as MulanParameters, added to
+    float* table;       // [L, T, 2]
+    float* networks;    // as MulanParameters
     float* origins;     // [r, 3]
     float* directions;  // [r, 3]
+    int32_t fresh;      // 0: table and networks are added to, 1: they are overwritten
 } MulanGradients;
 
 typedef struct {

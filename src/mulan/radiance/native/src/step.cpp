@@ -409,7 +409,8 @@ struct Learn {
 // One pass over all rays; moves table and networks where `adam_state` is given.
 int32_t learn(MulanWorkspace* w, const MulanField* field, const MulanScene* scene, const MulanOccupancy* occupancy,
               const float* table, const float* networks, const MulanRays* rays, const MulanObjective* objective,
-              float* table_gradient, float* network_gradient, float* moving_table, const MulanAdam* adam_state,
+              float* table_gradient, bool fresh, float* network_gradient, float* moving_table,
+              const MulanAdam* adam_state,
               float* origin_gradient, float* direction_gradient, const MulanRendering* rendering,
               MulanStepReport* report) {
     *report = MulanStepReport{};
@@ -435,7 +436,7 @@ int32_t learn(MulanWorkspace* w, const MulanField* field, const MulanScene* scen
         const int count = (int)smaller(wave, rays->count - first);
         job.learn_wave(first, count, network_gradient, *report);
         if (network_gradient)
-            job.learn_table(table_gradient, adam_state && first == 0, moving_table,
+            job.learn_table(table_gradient, fresh && first == 0, moving_table,
                             first + wave >= rays->count ? adam_state : nullptr);
     }
     return MULAN_OK;
@@ -456,7 +457,7 @@ int32_t train_step(MulanWorkspace* w, const MulanField* field, const MulanScene*
         origin_gradient = (float*)w->ray_gradients.reserve((size_t)rays->count * 6 * 4);
         direction_gradient = origin_gradient + 3 * rays->count;
     }
-    const int32_t status = learn(w, field, scene, occupancy, table, networks, rays, objective, table_gradient,
+    const int32_t status = learn(w, field, scene, occupancy, table, networks, rays, objective, table_gradient, true,
                                  network_gradient, table, a, origin_gradient, direction_gradient, nullptr, report);
     FlushDenormals flush;
     adam(AdamStep(a->networks_rate, a->beta1, a->beta2, a->epsilon, a->step, false), count, networks,
@@ -470,8 +471,9 @@ int32_t gradients(MulanWorkspace* w, const MulanField* field, const MulanScene* 
                   const MulanOccupancy* occupancy, const MulanParameters* p, const MulanRays* rays,
                   const MulanObjective* objective, const MulanGradients* g, const MulanRendering* rendering,
                   MulanStepReport* report) {
-    return learn(w, field, scene, occupancy, p->table, p->networks, rays, objective, g->table, g->networks, nullptr,
-                 nullptr, g->origins, g->directions, rendering, report);
+    if (g->fresh && g->networks) __builtin_memset(g->networks, 0, (size_t)mulan_network_parameters(field) * 4);
+    return learn(w, field, scene, occupancy, p->table, p->networks, rays, objective, g->table, g->fresh, g->networks,
+                 nullptr, nullptr, g->origins, g->directions, rendering, report);
 }
 
 }  // namespace mulan::MULAN_ISA
