@@ -45,9 +45,9 @@ class Options:
     peer_runners: Path = Path("benchmarks/peers")
     """Folder of the peers' runner scripts; they come with the source tree, not with the package."""
     peer_budget: float = PeerConfig.budget_s
-    """Seconds of training for each peer on the object."""
+    """Seconds of training for each peer on the object; 0 leaves it out."""
     peer_fox_budget: float = PeerConfig.fox_budget_s
-    """Seconds of training for each peer on the real place."""
+    """Seconds of training for each peer on the real place; 0 leaves it out."""
     peer_timeout: float = PeerConfig.timeout_s
     """Seconds after which a peer is stopped, its evaluations included."""
     torch_budget: float = EngineBenchmarkConfig.torch_budget_s
@@ -105,7 +105,9 @@ def main(arguments: Sequence[str]) -> int:
     run = RunFolder(options.out)
     run.record_config("evaluate engine", asdict(options))
     print_goals(check_goals(metrics))
-    console.print(f"Metrics: [bold]{run.metrics}[/], picture: [bold]{run.root / PICTURE}[/]")
+    console.print(f"Metrics: [bold]{run.metrics}[/]")
+    if (run.root / PICTURE).exists():
+        console.print(f"Picture: [bold]{run.root / PICTURE}[/]")
     return 0
 
 

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from mulan.radiance.config import FieldConfig, MarchConfig
 from mulan.radiance.engine import RadianceEngine, RayBatch, RaySamples, Rendering, StepReport
+from mulan.radiance.finite import check_finite, check_finite_batch, check_finite_rays
 from mulan.radiance.kernels.native_buffers import address, native_field, native_scene
 from mulan.radiance.kernels.native_grid import NativeGrid, NativeGridConfig
 from mulan.radiance.kernels.native_library import NativeLibrary, check, find_native_library
@@ -97,7 +98,7 @@ class NativeEngine(RadianceEngine):
         self._scene = native_scene(march, space, white_background)
         workspace = self._c.mulan_workspace_create(self.native_config.threads or torch.get_num_threads())
         if not workspace:
-            raise MemoryError("no memory for the native engine's workspace")
+            raise MemoryError("the native engine gets no workspace: too little memory, or too many threads")
         self._workspace = workspace
         weakref.finalize(self, self._c.mulan_workspace_destroy, workspace)
 
@@ -159,6 +160,7 @@ class NativeEngine(RadianceEngine):
         colour_gradient: Float[Tensor, "r 3"],
     ) -> tuple[Rendering, RayGradients]:
         """A rendering, and what a gradient to its colours means for the rays; the field stays as it is."""
+        check_finite("colour gradients", colour_gradient)
         colour_gradient = colour_gradient.contiguous()
         rays, keep = self._rays(origins, directions)
         rendering, c_rendering = self._empty_rendering(len(origins))
@@ -265,6 +267,7 @@ class NativeEngine(RadianceEngine):
         gradients: RayGradients | None = None,
         poses: NativePoses | None = None,
     ) -> StepReport:
+        check_finite_batch(batch)
         rays, _keep = self._rays(batch.origins, batch.directions, self._new_seed())
         optimiser, config = self.optimiser_config, self.native_config
         objective, _kept = native_objective(batch, optimiser, self._scene, self._generator)
@@ -313,9 +316,7 @@ class NativeEngine(RadianceEngine):
         origins, directions = origins.contiguous(), directions.contiguous()
         shape = (len(origins), 3)
         at = address(origins, shape), address(directions, shape)
-        # one sum tells whether all are finite
-        if not torch.isfinite(origins.sum() + directions.sum()):
-            raise ValueError("rays must be finite: an origin or a direction is NaN or infinite")
+        check_finite_rays(origins, directions)
         rays = NativeRays(len(origins), *at, seed or 0, seed is not None)
         return rays, (origins, directions)
 

@@ -7,6 +7,7 @@ from torch import Tensor
 from mulan.radiance.background import random_background
 from mulan.radiance.config import FieldConfig, MarchConfig
 from mulan.radiance.engine import RadianceEngine, RayBatch, RaySamples, Rendering, StepReport
+from mulan.radiance.finite import check_finite_batch, check_finite_rays
 from mulan.radiance.kernels.composite import Composite
 from mulan.radiance.kernels.distortion import distortion
 from mulan.radiance.kernels.march import fraction_of_ray, step_count
@@ -97,6 +98,7 @@ class TorchEngine(RadianceEngine):
     def _train(
         self, batch: RayBatch, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"], factor: float
     ) -> StepReport:
+        check_finite_batch(batch)
         config = self.optimiser_config
         a_pixel = batch.rays_a_pixel
         pixels = (batch.weights[::a_pixel] > 0).nonzero()[:, 0]
@@ -142,6 +144,7 @@ class TorchEngine(RadianceEngine):
 
         The depth is the blend's mean distance, 0 where nothing is hit.
         """
+        check_finite_rays(origins, directions)
         parts = []
         for start in range(0, len(origins), self._rays_at_once):
             o = origins[start : start + self._rays_at_once]
@@ -158,6 +161,7 @@ class TorchEngine(RadianceEngine):
     @torch.no_grad()
     def sample(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> RaySamples:
         """The samples a rendering is made of; see :class:`RadianceEngine`."""
+        check_finite_rays(origins, directions)
         parts = []
         for start in range(0, max(len(origins), 1), self._rays_at_once):
             o = origins[start : start + self._rays_at_once]

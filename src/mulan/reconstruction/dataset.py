@@ -10,6 +10,8 @@ from torch import Tensor
 
 from mulan.geometry.camera import PinholeCamera
 from mulan.radiance.engine import RayBatch, Rendering
+from mulan.radiance.kernels.native_library import find_native_library
+from mulan.radiance.kernels.ray_gather import PixelTable, gather_rays
 from mulan.reconstruction.captured_image import CapturedImage
 from mulan.reconstruction.sub_pixels import Renders, random_diagonals, render_pixels, spread_directions
 
@@ -61,6 +63,7 @@ class ImageTensors:
         # pixels of weight zero are never drawn
         self._drawable = (self.weights > 0).nonzero()[:, 0]
         self._every_pixel_drawable = len(self._drawable) == len(self.weights)
+        self._last_table: PixelTable | None = None
 
     def __len__(self) -> int:
         """Number of images."""
@@ -107,18 +110,17 @@ class ImageTensors:
 
     def rays(self, pixel: Int[Tensor, "r"]) -> RayBatch:
         """Rays of pixels numbered through all images, row by row."""
-        image = self._image_of_pixel[pixel].long()
-        camera_direction = self._directions[pixel + self._direction_shift[image]]
-        T = self.T_world_camera[image]
-        direction = (T[:, :3, :3] * camera_direction[:, None, :]).sum(-1)
-        return RayBatch(
-            origins=T[:, :3, 3],
-            directions=torch.nn.functional.normalize(direction, dim=-1),
-            colours=self._colour[pixel].float() / 255,
-            weights=self.weights[pixel],
-            image_index=image,
-            opacity=None if self._opacity is None else self._opacity[pixel].float() / 255,
-        )
+        in_main_memory = self._colour.device.type == "cpu"
+        return gather_rays(self._table(), pixel, find_native_library()[0] if in_main_memory else None)
+
+    def _table(self) -> PixelTable:
+        # poses and weights may have been replaced since the last batch
+        last = self._last_table
+        if last and last.T_world_camera is self.T_world_camera and last.weights is self.weights:
+            return last
+        parts = self._colour, self.weights, self._image_of_pixel, self._directions, self._direction_shift
+        self._last_table = PixelTable(*parts, self.T_world_camera.contiguous(), self._opacity)
+        return self._last_table
 
     def image_rays(self, image: int) -> RayBatch:
         """Every ray of one image, row by row."""

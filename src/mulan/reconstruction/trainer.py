@@ -103,17 +103,17 @@ def train(
     device = config.device.resolve()
     on_gpu = device.type == "cuda"
     field = config.field or choose_field(config.image_size, len(captured), space.unbounded, on_gpu)
-    march = config.march or choose_march(config.image_size, space.unbounded, on_gpu)
+    march = config.march or choose_march(config.image_size, space.unbounded, config.quick, on_gpu)
     antialiasing = Antialiasing.choose(config.antialias_share, space.unbounded, on_gpu)
     description = FieldDescription(field, march, space, not space.unbounded, antialiasing.sub_pixels)
     data = ImageTensors(captured, weighting.weight_maps(captured, space))
     if not data.drawable_pixels:
         raise InputError(images.source, "weights", "are zero everywhere", "use weights that keep some images")
-    optimiser = choose_optimiser(space.unbounded)
+    optimiser = choose_optimiser(space.unbounded, config.quick and not on_gpu)
     engine = description.new_engine(config.seed, optimiser, device)
     data.move_to(device)
     identity = _identity(config, weighting, description, optimiser, data)
-    loop = _Loop(config, antialiasing, engine, data, test, run, identity)
+    loop = _Loop(config, space.unbounded, antialiasing, engine, data, test, run, identity)
     loop.run_to_end(progress)
     state = loop.state
     save_field(run.field, engine, description)
@@ -128,6 +128,7 @@ class _Loop:
     def __init__(
         self,
         config: TrainConfig,
+        unbounded: bool,
         antialiasing: Antialiasing,
         engine: RadianceEngine,
         data: ImageTensors,
@@ -136,8 +137,8 @@ class _Loop:
         identity: dict[str, Any],
     ) -> None:
         self._config, self._engine, self._data, self._run = config, engine, data, run
-        self._identity, self._antialiasing = identity, antialiasing
-        self._batch_samples = config.samples_a_batch(on_gpu=engine.device.type == "cuda")
+        self._identity, self._unbounded, self._antialiasing = identity, unbounded, antialiasing
+        self._on_gpu = engine.device.type == "cuda"
         self._curve_views = ImageTensors(test[:: max(1, len(test) // CURVE_VIEWS)]) if test else None
         self._sampler = torch.Generator().manual_seed(config.seed + 1)
         self.state = Progress()
@@ -185,7 +186,9 @@ class _Loop:
         error = report.mean_squared_error
         if s.mean_squared_error is not None:
             error = SMOOTHING * s.mean_squared_error + (1 - SMOOTHING) * error
-        rays = next_rays(s.rays, report.samples, self._batch_samples)
+        config = self._config
+        done = config.fraction_done(s.steps, s.seconds)
+        rays = next_rays(s.rays, report.samples, config.batch_samples_at(done, self._unbounded, self._on_gpu))
         samples = s.samples + report.samples
         self.state = Progress(s.steps + 1, seconds, rays, samples, report.loss, error, s.history)
 
@@ -231,6 +234,7 @@ def _check(images: PosedImageSet, config: TrainConfig) -> None:
         ("--time-budget", config.time_budget_s),
         ("--image-size", config.image_size),
         ("--batch-samples", 1 if config.batch_samples is None else config.batch_samples),
+        ("--first-batch-samples", 1 if config.first_batch_samples is None else config.first_batch_samples),
         ("--steps", 1 if config.steps is None else config.steps),
     ):
         if not (math.isfinite(value) and value > 0):

@@ -147,6 +147,8 @@ class EngineBenchmark:
                 (OBJECT, config.budget_s, config.every_nth_view, 12),
                 (PLACE, config.fox_budget_s, config.fox_every_nth_view, 4),
             ):
+                if budget_s <= 0:
+                    continue
                 result: dict[str, Any] = {"not_run": reason}
                 if reason is None:
                     first_s = budget_s / PEER_SCORE_GROWTH**scores

@@ -1,4 +1,5 @@
-// The training step: everything about a tile of rays while it is in the cache, then the table level by level.
+// The training step: samples are encoded level by level, then everything about a tile of rays is done while it is in
+// the cache, then the table learns level by level.
 //
 // The result does not depend on the number of threads: tiles are cut by the rays alone, every sum is taken in a fixed
 // order (within a tile, over groups of tiles, over the tiles of a level), and no two threads add to one number.
@@ -12,6 +13,7 @@ namespace {
 
 constexpr int rays_at_once = 64;         // marched by one thread before it looks for more
 constexpr int gradient_groups = 32;      // networks' gradients summed apart, then together
+constexpr int encoded_at_once = 2048;    // samples of some tiles, level after level
 constexpr int64_t wave_samples = 1 << 20;  // bounds memory: rays beyond it wait for the next wave
 
 struct TileRange {
@@ -46,7 +48,11 @@ struct Learn {
     TileRange* ranges = nullptr;
     int tile_count = 0;
     float* padded_gradients = nullptr;  // [groups, length]
-    float *sx = nullptr, *sy = nullptr, *sz = nullptr, *scatter = nullptr;  // kept samples; [levels, samples, 2]
+    // marched samples, tile after tile; a tile closes its gaps in place
+    float *sx = nullptr, *sy = nullptr, *sz = nullptr, *st = nullptr, *sstep = nullptr;
+    int32_t* sray = nullptr;
+    float* encoded = nullptr;  // [samples, encoded]
+    float* scatter = nullptr;  // [levels, samples, 2]
     int64_t scatter_capacity = 0;
 
     // The first of a pixel's rays speaks for all.
@@ -97,7 +103,7 @@ struct Learn {
                 listed[listed_count++] = i;
             }
         }
-        scatter_capacity = at + in_tile + row_padding;
+        scatter_capacity = (at + in_tile) / row_padding * row_padding + 2 * row_padding;
     }
 
     void finish_ray(int64_t ray, float opacity, float moment, const float colour[3], float variance) const {
@@ -125,23 +131,66 @@ struct Learn {
         return objective.colour_gradient ? 0 : objective.weights[first_of_pixel(ray)] * inverse_weight;
     }
 
-    void process(TileRange& range, int64_t wave_first, Tile& tile, float* padded) {
+    // The tile's scratch memory, with the samples of a range in place of its own.
+    Tile tile_of(const TileRange& range, int thread) const {
+        Tile tile = tiles.of(thread);
+        const int64_t at = range.scatter_at;
+        tile.x = sx + at;
+        tile.y = sy + at;
+        tile.z = sz + at;
+        tile.t = st + at;
+        tile.step = sstep + at;
+        tile.ray = sray + at;
+        tile.encoded = encoded + at * networks.encoded;
+        return tile;
+    }
+
+    void place(const TileRange& range, int64_t wave_first, int thread) const {
         const Evaluation e{field, scene, table, networks};
+        Tile tile = tile_of(range, thread);
         int marched = 0;
         for (int slot = 0; slot < range.rays; ++slot) {
             const int local = listed[range.first_ray + slot];
             const int64_t ray = wave_first + local;
-            tile.ray_id[slot] = ray;
-            tile.first[slot] = marched;
-            tile.count[slot] = counts[local];
-            tile.transmittance[slot] = 1;
             __builtin_memcpy(tile.t + marched, t + (int64_t)local * scene.steps, sizeof(float) * (size_t)counts[local]);
             place_samples(e, march, tile, slot, marched, counts[local], rays.origins + 3 * ray,
                           rays.directions + 3 * ray);
-            evaluate_direction(e, tile, slot, rays.directions + 3 * ray);
             marched += counts[local];
         }
-        evaluate_density(e, tile, marched);
+    }
+
+    // Encodes the samples of many tiles level after level: a level's entries stay in the cache meanwhile.
+    void encode_wave(int64_t wave_first) {
+        const int64_t parts = (scatter_capacity + encoded_at_once - 1) / encoded_at_once;
+        parallel_for(w, parts, [&](int64_t part, int thread) {
+            int begin = 0;
+            while (begin < tile_count && ranges[begin].scatter_at < part * encoded_at_once) ++begin;
+            int end = begin;
+            for (; end < tile_count && ranges[end].scatter_at < (part + 1) * encoded_at_once; ++end)
+                place(ranges[end], wave_first, thread);
+            if (begin == end) return;
+            const int64_t at = ranges[begin].scatter_at;
+            const int n = (int)(ranges[end - 1].scatter_at + ranges[end - 1].marched - at);
+            for (int level = 0; level < field.levels; ++level)
+                encode_level(field, table, level, {sx + at, sy + at, sz + at}, n, encoded + at * networks.encoded,
+                             networks.encoded);
+        });
+    }
+
+    void process(TileRange& range, int64_t wave_first, int thread, float* padded) {
+        const Evaluation e{field, scene, table, networks};
+        Tile tile = tile_of(range, thread);
+        int marched = 0;
+        for (int slot = 0; slot < range.rays; ++slot) {
+            const int local = listed[range.first_ray + slot];
+            tile.ray_id[slot] = wave_first + local;
+            tile.first[slot] = marched;
+            tile.count[slot] = counts[local];
+            tile.transmittance[slot] = 1;
+            evaluate_direction(e, tile, slot, rays.directions + 3 * tile.ray_id[slot]);
+            marched += counts[local];
+        }
+        evaluate_encoded(e, tile, marched);
         const int n = drop_unreached(e, tile, range.rays);
         evaluate_directions(e, tile, range.rays);
         evaluate_colour(e, tile, n);
@@ -233,10 +282,6 @@ struct Learn {
 
     // The table's gradient waits, sorted by level, until all tiles are done.
     void keep_for_scatter(const TileRange& range, const Tile& tile, int n) {
-        const size_t bytes = sizeof(float) * (size_t)n;
-        __builtin_memcpy(sx + range.scatter_at, tile.x, bytes);
-        __builtin_memcpy(sy + range.scatter_at, tile.y, bytes);
-        __builtin_memcpy(sz + range.scatter_at, tile.z, bytes);
         for (int level = 0; level < field.levels; ++level) {
             float* out = scatter + 2 * (level * scatter_capacity + range.scatter_at);
             const float* in = tile.d_encoded + 2 * level;
@@ -282,21 +327,26 @@ struct Learn {
             forget_unreached({{field, scene, table, networks}, march, rays, w, tiles, first, t, counts}, count);
         cut_tiles(count);
         const int groups = smaller(gradient_groups, tile_count);
+        float** const columns[] = {&sx, &sy, &sz, &st, &sstep};
+        float* samples = (float*)w.samples.reserve((size_t)(6 * scatter_capacity) * 4);
+        for (float** column : columns) {
+            *column = samples;
+            samples += scatter_capacity;
+        }
+        sray = (int32_t*)samples;
+        encoded = (float*)w.encoded.reserve((size_t)(scatter_capacity * networks.encoded) * 4);
+        encode_wave(first);
         if (parameters_wanted) {
-            const int64_t points = 4 * scatter_capacity, gradients = 2 * scatter_capacity * field.levels;
-            sx = (float*)w.scatter_points.reserve((size_t)points * 4);
-            sy = sx + scatter_capacity;
-            sz = sy + scatter_capacity;
+            const int64_t gradients = 2 * scatter_capacity * field.levels;
             scatter = (float*)w.scatter_gradients.reserve((size_t)gradients * 4);
             padded_gradients =
                 (float*)w.group_gradients.reserve((size_t)(gradient_groups * networks.gradient_length) * 4);
         }
         parallel_for(w, groups, [&](int64_t group, int thread) {
-            Tile tile = tiles.of(thread);
             float* padded = parameters_wanted ? padded_gradients + group * networks.gradient_length : nullptr;
             if (padded) __builtin_memset(padded, 0, (size_t)networks.gradient_length * 4);
             const int begin = (int)(tile_count * group / groups), end = (int)(tile_count * (group + 1) / groups);
-            for (int i = begin; i < end; ++i) process(ranges[i], first, tile, padded);
+            for (int i = begin; i < end; ++i) process(ranges[i], first, thread, padded);
         });
         for (int i = 0; i < tile_count; ++i) {
             report.loss += ranges[i].loss;
