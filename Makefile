@@ -5,11 +5,12 @@ BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test lint browser clean
+.PHONY: help install demo test lint browser sanitize clean
 
 help:
 	@echo "make demo   install into $(VENV), reconstruct a room with three simulated robots, print where the report is"
 	@echo "make test   everything continuous integration checks: format, lint, types, import rule, tests"
+	@echo "make sanitize  build the engine with ASan+UBSan and with TSan; fuzzing and its tests under each (minutes)"
 	@echo "make clean  remove $(VENV) and build leftovers (never runs/)"
 
 $(VENV)/.python:
@@ -52,6 +53,9 @@ browser:
 
 test: lint browser
 	$(BIN)/pytest
+
+sanitize: $(VENV)/.installed-dev
+	@$(BIN)/python -m tests.native.sanitizers
 
 clean:
 	rm -rf $(VENV) build dist src/*.egg-info .pytest_cache .ruff_cache

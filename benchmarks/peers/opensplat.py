@@ -107,7 +107,7 @@ def score(splats: Splats, scene: Scene, views: list[View], unit: float) -> float
 def main() -> None:
     options = parser(str(__doc__).splitlines()[0])
     options.add_argument("--program", default="opensplat", help="the opensplat program; default: on the PATH")
-    options.add_argument("--iterations", type=int, default=3000, help="length of its schedule")
+    options.add_argument("--iterations", type=int, default=4000, help="length of its schedule")
     options.add_argument("--points", type=int, default=10_000, help="Gaussians to start from")
     options.add_argument("--save-every", type=int, default=200, help="steps between scored states")
     given = options.parse_args()

@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 
 from mulan.cli.main import COMMANDS, run_command
+from mulan.errors import InputError
 from mulan.mission.nerfstudio import read_transforms
 
 
@@ -58,6 +59,11 @@ def test_render_writes_pictures_and_an_animation(finished_run: Path, tmp_path: P
     assert run_command(["render", str(finished_run), "--frames", "3", "--out", str(out)]) == 0
     assert len(list(out.glob("*.png"))) == 3
     assert getattr(Image.open(out / "animation.webp"), "n_frames", 1) == 3
+
+
+def test_rendering_with_no_rays_a_pixel_is_refused(finished_run: Path, tmp_path: Path):
+    with pytest.raises(InputError, match="sub-pixels"):
+        run_command(["render", str(finished_run), "--sub-pixels", "0", "--out", str(tmp_path)])
 
 
 def test_plan_and_report_work_on_a_finished_run(finished_run: Path):

@@ -1,3 +1,4 @@
+import os
 import platform
 import shutil
 import subprocess
@@ -26,14 +27,20 @@ def build_library(folder: Path, *options: str) -> Path:
 
 @pytest.fixture(scope="session")
 def library() -> NativeLibrary:
-    """Built from the sources as they are now, not as they were when the package was installed."""
+    """Built from the sources as they are now, not as they were when the package was installed.
+
+    MULAN_TEST_LIBRARY names another build, as 'make sanitize' does.
+    """
+    if given := os.environ.get("MULAN_TEST_LIBRARY"):
+        return NativeLibrary(Path(given))
     return NativeLibrary(build_library(NATIVE_FOLDER / "build"))
 
 
 X86 = platform.machine().lower() in ("x86_64", "amd64")
+BUILDS = ["x86-64-v4", "x86-64-v3", "x86-64"] if X86 else ["generic"]  # widest first
 
 
-@pytest.fixture(params=["x86-64-v4", "x86-64-v3", "x86-64"] if X86 else ["generic"])
+@pytest.fixture(params=BUILDS)
 def build(library: NativeLibrary, request: pytest.FixtureRequest):
     """The library with each of its builds in turn."""
     before = library.instruction_set

@@ -1,125 +1,118 @@
-"""Run by a test in its own process, with the sanitizers' run-time loaded: numpy and the C interface only."""
+"""Run in its own process with a sanitizer's run-time loaded: numpy and the C interface only.
 
-import ctypes
+python tests/native/fuzz_under_sanitizers.py LIBRARY [CASES]
+"""
+
 import sys
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mulan.radiance.kernels.native_library import NativeLibrary, check
 from mulan.radiance.kernels.native_structures import (
     NativeAdam,
-    NativeField,
     NativeGradients,
     NativeObjective,
-    NativeOccupancy,
     NativeParameters,
     NativePoses,
     NativeRays,
     NativeRendering,
-    NativeScene,
     NativeStepReport,
 )
+from tests.native.odd_inputs import Case, at, odd_case, odd_rays
+
+MOST_RAYS = 300
 
 
-def at(x: NDArray) -> int:
-    return x.ctypes.data
-
-
-def odd_rays(rng: np.random.Generator, n: int) -> NDArray:
-    """Ordinary rays among enormous, tiny, zero and axis-parallel ones."""
-    rays = rng.normal(size=(n, 6)).astype(np.float32)
-    odd = np.array(
-        [0.0, -0.0, 1e-38, 1e38, -1e38, 1.0, -1.0, 1e-9, 3e9, np.finfo(np.float32).max], np.float32
-    )
-    strange = rng.random((n, 6)) < 0.3
-    rays[strange] = rng.choice(odd, int(strange.sum()))
-    return rays
-
-
-def run(
-    library: NativeLibrary,
-    workspace: int,
-    rng: np.random.Generator,
-    unbounded: bool,
-    steps: int,
-    cascades: int,
-) -> None:
-    c = library.functions
-    n, side, levels, log2 = 300, 16, 3, 6
-    field = NativeField(
-        levels, log2, 12, 5, 3, log_density_offset=-1.5, log_density_max=15, variance_floor=1e-4
-    )
-    field.resolution[:levels], field.dense[:levels] = [3, 9, 500], [1, 0, 0]
-    field.level_weight[:levels] = [1.0] * levels
-    scene = NativeScene(radius_m=1.0, near_radii=0.02, growth=4.8, min_transmittance=1e-4)
-    scene.unbounded, scene.steps = unbounded, steps
-    scene.occupancy_resolution, scene.cascades = side, cascades
-    table = rng.normal(size=(levels, 2**log2, 2)).astype(np.float32)
-    networks = rng.normal(size=c.mulan_network_parameters(field)).astype(np.float32)
-    occupied = (rng.random(cascades * side**3) < 0.5).astype(np.uint8)
-    words = np.zeros(cascades * (side // 4) ** 3, np.uint64)
-    occupancy = NativeOccupancy(words=at(words))
-    bounds = ctypes.addressof(occupancy.lower), ctypes.addressof(occupancy.upper)
-    check(c.mulan_occupancy_pack(side, cascades, at(occupied), at(words), *bounds))
-
-    rays6 = odd_rays(rng, n)
-    origins, directions = np.ascontiguousarray(rays6[:, :3]), np.ascontiguousarray(rays6[:, 3:])
-    rays = NativeRays(n, at(origins), at(directions), 7, 1)
+def run(library: NativeLibrary, workspace: int, rng: np.random.Generator, case: Case) -> None:
+    """Every operation that rays or points go into, on rays of all kinds."""
+    c, n = library.functions, int(rng.integers(0, MOST_RAYS))
+    origins, directions = odd_rays(rng, case.scene, n)
+    rays = NativeRays(n, at(origins), at(directions), int(rng.integers(2**63)), int(rng.integers(2)))
     colours, weights = rng.random((n, 3), np.float32), rng.random(n, np.float32)
-    out = [np.zeros((n, 3), np.float32), *np.zeros((3, n), np.float32)]
+    if rng.random() < 0.2:
+        colours[rng.random((n, 3)) < 0.1], weights[rng.random(n) < 0.1] = np.nan, np.inf
+    out = [np.zeros((n, 3), np.float32), *(np.zeros(n, np.float32) for _ in range(3))]
     rendering = NativeRendering(*(at(x) for x in out))
-    parameters = NativeParameters(at(table), at(networks))
-    context = (workspace, field, scene, occupancy)
+    parameters = NativeParameters(at(case.table), at(case.networks))
+    context = (workspace, case.field, case.scene, case.occupancy)
     check(c.mulan_render(*context, parameters, rays, rendering))
 
+    march_and_sample(library, context, parameters, rays)
+    gradients = [np.zeros_like(x) for x in (case.table, case.networks, origins, directions)]
+    behind = rng.random((n, 3), np.float32)
+    objective = NativeObjective(at(colours), at(weights), None, at(behind), float(rng.choice([0, 0.1])), 1.0)
+    objective.likelihood, objective.distortion_weight = int(rng.integers(2)), float(rng.choice([0, 0.1]))
+    objective.entropy_weight = float(rng.choice([0, 0.1]))
+    objective.rays_a_pixel = int(rng.choice([k for k in (1, 2, 3, 16) if n % k == 0]))
+    index, R = rng.integers(0, 4, n), rng.random((4, 3, 3), np.float32)
+    to_poses = np.zeros((4, 6), np.float32)
+    poses = NativePoses(4, at(index), at(R), at(to_poses))
+    report = NativeStepReport()
+    wanted = NativeGradients(*(at(x) for x in gradients))
+    check(c.mulan_gradients(*context, parameters, rays, objective, wanted, rendering, report))
+    only_rays = NativeGradients(None, None, at(gradients[2]), at(gradients[3]))
+    given = NativeObjective(colour_gradient=at(colours), rays_a_pixel=1)
+    check(c.mulan_gradients(*context, parameters, rays, given, only_rays, None, report))
+    moments = [np.zeros_like(x) for x in (case.table, case.table, case.networks, case.networks)]
+    adam = NativeAdam(*(at(x) for x in moments), 1e-2, 1e-2, 0.9, 0.99, 1e-15, 1, int(rng.integers(2)))
+    for wanted_here in ((at(gradients[2]), at(gradients[3]), None), (None, None, poses), (None, None, None)):
+        arrays = at(case.table), at(case.networks)
+        check(c.mulan_train_step(*context, *arrays, rays, objective, adam, *wanted_here, report))
+
+    opacity = np.zeros(len(case.occupied), np.float32)
+    strides = int(rng.integers(1, 9)), int(rng.integers(1, 4)), int(rng.integers(2**31))
+    cells = at(case.occupied), at(opacity)
+    check(c.mulan_occupancy_refresh(workspace, case.field, case.scene, parameters, 0.95, *strides, 5, *cells))
+    encode_points(library, workspace, parameters, case, odd_rays(rng, case.scene, n)[0])
+    arrays = (at(x) for x in (directions, *gradients[2:]))
+    check(c.mulan_pose_gradients(n, *arrays, poses))
+
+
+def march_and_sample(
+    library: NativeLibrary, context: tuple, parameters: NativeParameters, rays: NativeRays
+) -> None:
+    c, n = library.functions, rays.count
+    _, _, scene, occupancy = context
     count = np.zeros(n, np.int32)
     check(c.mulan_march(scene, occupancy, rays, 0, at(count), None, None))
-    assert count.max() <= scene.steps
+    assert count.max(initial=0) <= scene.steps
     offsets = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
     room = int(offsets[-1])
     samples = [np.zeros(n, np.int32), *(np.zeros((room, k), np.float32) for k in (1, 3, 1, 1))]
     check(c.mulan_sample(*context, parameters, rays, at(offsets), *(at(x) for x in samples)))
+    assert (samples[0] <= count).all()
+    capacity = max(scene.steps // 2, 1)
+    t, dt = np.zeros((n, capacity), np.float32), np.zeros((n, capacity), np.float32)
+    check(c.mulan_march(scene, occupancy, rays, capacity, at(count), at(t), at(dt)))
+    assert count.max(initial=0) <= capacity
 
-    gradients = [np.zeros_like(x) for x in (table, networks, origins, directions)]
-    behind = rng.random((n, 3), np.float32)
-    objective = NativeObjective(at(colours), at(weights), None, at(behind), 0.1, 1.0)
-    objective.likelihood, objective.distortion_weight, objective.entropy_weight = cascades == 2, 0.1, 0.1
-    index = rng.integers(0, 4, n)
-    rotations, to_poses = rng.normal(size=(4, 3, 3)).astype(np.float32), np.zeros((4, 6), np.float32)
-    poses = NativePoses(4, at(index), at(rotations), at(to_poses))
-    report = NativeStepReport()
-    wanted = NativeGradients(*(at(x) for x in gradients))
-    check(c.mulan_gradients(*context, parameters, rays, objective, wanted, rendering, report))
-    moments = [np.zeros_like(x) for x in (table, table, networks, networks)]
-    adam = NativeAdam(*(at(x) for x in moments), 1e-2, 1e-2, 0.9, 0.99, 1e-15, 1, 1)
-    for wanted_here in ((at(gradients[2]), at(gradients[3]), None), (None, None, poses), (None, None, None)):
-        arrays = at(table), at(networks)
-        check(c.mulan_train_step(*context, *arrays, rays, objective, adam, *wanted_here, report))
 
-    opacity = np.zeros(cascades * side**3, np.float32)
-    cells = at(occupied), at(opacity)
-    check(c.mulan_occupancy_refresh(workspace, field, scene, parameters, 0.95, 3, 2, 1, 5, *cells))
-    points = np.ascontiguousarray(odd_rays(rng, 777)[:, :3])
-    points[:5] = np.nan
-    density = np.zeros(777, np.float32)
-    check(c.mulan_density(workspace, field, parameters, 777, at(points), at(density)))
-    encoded = np.zeros((777, 2 * levels), np.float32)
-    check(c.mulan_encode(field, at(table), 777, at(points), at(encoded)))
-    back = np.zeros_like(points)
-    arrays = at(points), at(encoded), at(gradients[0]), at(back)
-    check(c.mulan_encode_backward(field, at(table), 777, *arrays))
+def encode_points(
+    library: NativeLibrary, workspace: int, parameters: NativeParameters, case: Case, points: np.ndarray
+) -> None:
+    c, n, field = library.functions, len(points), case.field
+    density, back = np.zeros(n, np.float32), np.zeros_like(points)
+    check(c.mulan_density(workspace, field, parameters, n, at(points), at(density)))
+    encoded = np.zeros((n, 2 * field.levels), np.float32)
+    check(c.mulan_encode(field, at(case.table), n, at(points), at(encoded)))
+    gradient = np.zeros_like(case.table)
+    arrays = at(points), at(encoded), at(gradient), at(back)
+    check(c.mulan_encode_backward(field, at(case.table), n, *arrays))
+    harmonics = np.zeros((n, field.harmonics_degree**2), np.float32)
+    check(c.mulan_harmonics(field.harmonics_degree, n, at(points), at(harmonics)))
+    arrays = at(points), at(harmonics), at(back)
+    check(c.mulan_harmonics_backward(field.harmonics_degree, n, *arrays))
 
 
 def main() -> None:
     library = NativeLibrary(Path(sys.argv[1]))
-    rng = np.random.default_rng(0)
+    cases = int(sys.argv[2]) if len(sys.argv) > 2 else 40
     # one workspace throughout: what a call leaves in it must not harm one of other sizes
     workspace = library.functions.mulan_workspace_create(3)
-    for steps, cascades in ((40, 1), (300, 2), (7, 3), (500, 1)):
-        run(library, workspace, rng, unbounded=False, steps=steps, cascades=cascades)
-        run(library, workspace, rng, unbounded=True, steps=steps, cascades=cascades)
+    for seed in range(cases):
+        rng = np.random.default_rng(seed)
+        run(library, workspace, rng, odd_case(rng, library))
     library.functions.mulan_workspace_destroy(workspace)
     print("clean")
 

@@ -29,6 +29,10 @@ def rays_around(n: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
     return o, torch.nn.functional.normalize(target - o, dim=-1)
 
 
-def batch_around(n: int, generator: torch.Generator) -> RayBatch:
-    o, d = rays_around(n, generator)
-    return RayBatch(o, d, colours_seen(o, d), torch.ones(n), torch.zeros(n, dtype=torch.int64))
+def batch_around(n: int, generator: torch.Generator, rays_a_pixel: int = 1) -> RayBatch:
+    """Pixels of nearly parallel rays from one point, with the mean of what the rays see."""
+    o, d = (x.repeat_interleave(rays_a_pixel, 0) for x in rays_around(n // rays_a_pixel, generator))
+    if rays_a_pixel > 1:
+        d = torch.nn.functional.normalize(d + 0.01 * torch.randn(n, 3, generator=generator), dim=-1)
+    seen = colours_seen(o, d).view(-1, rays_a_pixel, 3).mean(1).repeat_interleave(rays_a_pixel, 0)
+    return RayBatch(o, d, seen, torch.ones(n), torch.zeros(n, dtype=torch.int64), rays_a_pixel=rays_a_pixel)

@@ -59,12 +59,17 @@ class Problem:
     count: Tensor
     t: Tensor
     dt: Tensor
+    rays_a_pixel: int = 1
+
+    def over_pixel(self, of_rays: Tensor) -> Tensor:
+        return of_rays.view(-1, self.rays_a_pixel, *of_rays.shape[1:]).mean(1)
 
     def reference_loss(
         self, table: Tensor, networks: Tensor, o: Tensor, d: Tensor, costs: Costs
     ) -> tuple[Tensor, Tensor, Tensor]:
         """What is minimised, the reported loss (without the variance head's own), rendered colours."""
-        share = self.weights.double() / self.weights.double().sum()
+        share = self.over_pixel(self.weights.double())
+        share = share / share.sum()
         t, dt = self.t.double(), self.dt.double()
         on = torch.arange(t.shape[1]) < self.count[:, None]
         points = (o[:, None] + t[..., None] * d[:, None])[on]
@@ -81,9 +86,9 @@ class Problem:
         all_colours = empty[..., None].expand(-1, -1, 3).masked_scatter(on[..., None], colour)
         behind = torch.ones(3) if costs.backgrounds is None else costs.backgrounds
         rendered = (blend[..., None] * all_colours).sum(1) + (1 - opacity)[:, None] * behind.double()
-        error = rendered - self.colours.double()
+        error = self.over_pixel(rendered - self.colours.double())
         in_head = blend if teaches else blend.detach()
-        v = (in_head**2 * empty.masked_scatter(on, variance)).sum(1) + 1e-4
+        v = self.over_pixel((in_head**2 * empty.masked_scatter(on, variance)).sum(1)) + 1e-4
         likelihood = 0.5 * ((error**2).mean(-1) / v + v.log())
         head = 0.5 * ((error**2).mean(-1).detach() / v + v.log())
         if teaches:
@@ -94,10 +99,10 @@ class Problem:
         else:
             cost = (error**2).mean(-1)
         if costs.distortion:
-            cost = cost + costs.distortion * self._distortion(t, blend)
+            cost = cost + costs.distortion * self.over_pixel(self._distortion(t, blend))
         if costs.entropy:
             p = opacity.clamp(1e-3, 1 - 1e-3)
-            cost = cost - costs.entropy * (p * p.log() + (1 - p) * (1 - p).log())
+            cost = cost - costs.entropy * self.over_pixel(p * p.log() + (1 - p) * (1 - p).log())
         plain = (share * cost).sum()
         return plain + (share * head).sum(), plain, rendered
 
@@ -111,19 +116,20 @@ class Problem:
         return pairs.sum((1, 2)) + (blend**2).sum(1) / (3 * MARCH.steps)
 
 
-def make_problem(library: NativeLibrary, unbounded: bool) -> Problem:
-    g = torch.Generator().manual_seed(5)
+def make_problem(library: NativeLibrary, unbounded: bool, rays_a_pixel: int = 1) -> Problem:
+    g = torch.Generator().manual_seed(9)  # no sample within rounding of the transmittance cut
     space = SceneSpace((0.0, 0.0, 0.0), 1.0, unbounded)
     table, networks = random_table(g) * 2, random_networks(g, library)
     networks[FIELD.width * 2 * FIELD.levels :][: FIELD.width] *= 4  # rays of every opacity
     o, d = rays_towards(RAYS, 2.5 if not unbounded else 0.7, g)
     grid = pack(library, torch.rand(16, 16, 16, generator=g) < 0.6)
-    weights = torch.rand(RAYS, generator=g)
-    weights[:5] = 0.0
+    d[20], d[30:33] = -d[20], -d[30:33]  # of a pixel, one ray or all rays that meet nothing (in a box)
+    pixels = RAYS // rays_a_pixel
+    weights = torch.rand(pixels, generator=g).repeat_interleave(rays_a_pixel)
+    weights[: 2 * 3] = 0.0
+    colours = torch.rand(pixels, 3, generator=g).repeat_interleave(rays_a_pixel, 0)
     count, t, dt = march(library, MARCH, space, grid, o, d)
-    return Problem(
-        space, table, networks, o, d, torch.rand(RAYS, 3, generator=g), weights, grid, count, t, dt
-    )
+    return Problem(space, table, networks, o, d, colours, weights, grid, count, t, dt, rays_a_pixel)
 
 
 @dataclass
@@ -159,6 +165,7 @@ def native_answer(library: NativeLibrary, p: Problem, costs: Costs, threads: int
                 likelihood=costs.loss.teaches_variance,
                 distortion_weight=costs.distortion,
                 entropy_weight=costs.entropy,
+                rays_a_pixel=p.rays_a_pixel,
             ),
             NativeGradients(*(address(x) for x in gradients)),
             NativeRendering(*(address(x) for x in out)),

@@ -21,15 +21,15 @@ from tests.native.fields import FIELD, native_rays
 from tests.native.step_problem import MARCH, RAYS, Costs, make_problem, native_answer
 
 PLAIN = Costs()
+# the rays of a pixel share one, whether a pixel has one or three rays
+BACKGROUNDS = torch.rand(RAYS // 3, 3, generator=torch.Generator().manual_seed(1)).repeat_interleave(3, 0)
 COSTS = {
     "squared": PLAIN,
     "huber": Costs(HuberLoss(0.2)),
     "likelihood": Costs(GaussianLikelihoodLoss()),
     "distortion": Costs(distortion=0.5),
     "entropy": Costs(entropy=0.1),
-    "random background": Costs(
-        GaussianLikelihoodLoss(), 0.3, 0.2, torch.rand(RAYS, 3, generator=torch.Generator().manual_seed(1))
-    ),
+    "random background": Costs(GaussianLikelihoodLoss(), 0.3, 0.2, BACKGROUNDS),
 }
 
 
@@ -37,17 +37,20 @@ def relative(got: Tensor, want: Tensor) -> float:
     return float((got.double() - want).norm() / want.norm())
 
 
+@pytest.mark.parametrize("rays_a_pixel", [1, 3])
 @pytest.mark.parametrize("costs", COSTS.values(), ids=COSTS.keys())
 @pytest.mark.parametrize("unbounded", [False, True], ids=["bounded", "unbounded"])
-def test_all_gradients_match_autograd(build: NativeLibrary, unbounded: bool, costs: Costs) -> None:
-    p = make_problem(build, unbounded)
+def test_all_gradients_match_autograd(
+    build: NativeLibrary, unbounded: bool, costs: Costs, rays_a_pixel: int
+) -> None:
+    p = make_problem(build, unbounded, rays_a_pixel)
     leaves = [x.double().requires_grad_() for x in (p.table, p.networks, p.origins, p.directions)]
     total, plain, colours = p.reference_loss(leaves[0], leaves[1], leaves[2], leaves[3], costs)
     total.backward()
     got = native_answer(build, p, costs)
     assert got.report.loss == pytest.approx(float(plain.detach()), rel=1e-4)
-    assert got.report.rays == RAYS - 5
-    marched = int(p.count[5:].sum())
+    assert got.report.rays == RAYS - 6
+    marched = int(p.count[6:].sum())
     # an unbounded ray's unreached samples are forgotten before they are counted
     assert 0 < got.report.kept < marched
     assert got.report.samples == (got.report.kept if unbounded else marched)
@@ -142,7 +145,7 @@ def test_a_given_colour_gradient_takes_the_place_of_the_loss(library: NativeLibr
             p.grid.native,
             NativeParameters(address(p.table), address(p.networks)),
             native_rays(p.origins, p.directions),
-            NativeObjective(colour_gradient=address(upstream)),
+            NativeObjective(colour_gradient=address(upstream), rays_a_pixel=1),
             NativeGradients(origins=address(got[0]), directions=address(got[1])),
             None,
             NativeStepReport(),

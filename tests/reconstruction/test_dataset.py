@@ -81,3 +81,15 @@ def test_rays_carry_the_coverage_of_their_pixel_where_every_image_has_one(tmp_pa
     torch.testing.assert_close(batch.opacity, torch.from_numpy(alpha).view(-1).float() / 255)
     opaque = replace(captured[1], alpha=None)
     assert ImageTensors([captured[0], opaque]).image_rays(0).opacity is None
+
+
+def test_moved_pixels_make_their_rays_where_they_are(tmp_path):
+    data = ImageTensors(load_captured(cube_images(tmp_path, train=2).train, None))
+    data.sample(4, torch.Generator().manual_seed(0))
+    # the other device that every machine has: it knows shapes only, and refuses to mix devices
+    data.move_to(torch.device("meta"))
+    batch = data.sample(50, torch.Generator().manual_seed(0))
+    assert {x.device.type for x in (batch.origins, batch.directions, batch.colours, batch.weights)} == {
+        "meta"
+    }
+    assert batch.origins.shape == batch.colours.shape == (50, 3)

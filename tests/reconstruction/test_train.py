@@ -98,8 +98,8 @@ def test_trained_field_comes_back_from_its_file_and_renders_the_held_out_views(t
     run = RunFolder(tmp_path / "run")
     result = train(images, NoWeights(), replace(QUICK, steps=250, checkpoint_every_s=1e9), run)
     engine = load_engine(run.field)
-    figures = evaluate_held_out(engine, result.test, run, keep=2)
-    assert figures == evaluate_held_out(result.engine, result.test, run, keep=0)
+    figures = evaluate_held_out(engine, result.test, run, keep=2, sub_pixels=2)
+    assert figures == evaluate_held_out(result.engine, result.test, run, keep=0, sub_pixels=2)
     assert figures["psnr_db"] > 17
     assert figures["ssim"] > 0.6
     assert len(figures["views"]) == 2

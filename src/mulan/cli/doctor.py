@@ -1,5 +1,6 @@
 """``mulan doctor``: what this machine has, and what each missing part costs."""
 
+import logging
 import os
 import platform
 import shutil
@@ -60,11 +61,26 @@ def _engine() -> Finding:
 
 
 def _native_engine() -> Finding:
+    import torch
+
     from mulan.radiance.backend import WITHOUT_NATIVE
     from mulan.radiance.kernels.native_library import find_native_library
 
     library, detail = find_native_library()
-    return Finding("native engine", library is not None, detail if library else f"{detail}: {WITHOUT_NATIVE}")
+    if library is None:
+        return Finding("native engine", False, f"{detail}: {WITHOUT_NATIVE}")
+    threads = f"{library.instruction_set} instructions, {torch.get_num_threads()} threads"
+    return Finding("native engine", True, f"{threads}, {library.path}")
+
+
+def _speed() -> Finding:
+    from mulan.radiance.speed import measure_training_speed
+
+    # the findings have a line on a missing engine; its warning would break the table
+    logging.getLogger("mulan.radiance.backend").setLevel(logging.ERROR)
+    speed = measure_training_speed()
+    rate = f"{speed.samples_per_s / 1e6:.2f} M samples/s, {speed.rays_per_s / 1e3:.3g} k rays/s"
+    return Finding("speed", None, f"{rate} in a second of training on a built-in scene")
 
 
 def _memory_gib() -> float:
@@ -105,6 +121,7 @@ def diagnose() -> list[Finding]:
         _library("torch", "the radiance field"),
         _native_engine(),
         _engine(),
+        _speed(),
         _library("gtsam", "localization"),
         _library("mitsuba", "photographs of simulated scenes"),
         _library("rosbags", "reading and writing bags"),

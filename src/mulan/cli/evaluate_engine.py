@@ -17,6 +17,7 @@ from mulan.evaluation.engine.protocol import PICTURE, EngineBenchmark, EngineBen
 from mulan.evaluation.engine.scenes import engine_scenes
 from mulan.evaluation.engine.throughput import ThroughputConfig
 from mulan.mission.run_folder import RunFolder
+from mulan.radiance.backend import Device
 
 
 def recordings() -> Path:
@@ -45,9 +46,9 @@ class Options:
     peer_runners: Path = Path("benchmarks/peers")
     """Folder of the peers' runner scripts; they come with the source tree, not with the package."""
     peer_budget: float = PeerConfig.budget_s
-    """Seconds of training for each peer on the object."""
+    """Seconds of training for each peer on the object; 0 leaves it out."""
     peer_fox_budget: float = PeerConfig.fox_budget_s
-    """Seconds of training for each peer on the real place."""
+    """Seconds of training for each peer on the real place; 0 leaves it out."""
     peer_timeout: float = PeerConfig.timeout_s
     """Seconds after which a peer is stopped, its evaluations included."""
     torch_budget: float = EngineBenchmarkConfig.torch_budget_s
@@ -56,6 +57,8 @@ class Options:
         default_factory=ThroughputConfig
     )
     """Training throughput against torch."""
+    device: tyro.conf.EnumChoicesFromValues[Device] = Device.CPU
+    """Where our own trainings run; throughput, torch and the peers are measured on the CPU."""
     seed: int = 0
     """Source of all randomness."""
 
@@ -74,6 +77,7 @@ def benchmark(options: Options, listener: Listener) -> EngineBenchmark:
         throughput=replace(options.throughput, seed=options.seed),
         peers=peers,
         torch_budget_s=options.torch_budget,
+        device=options.device,
         seed=options.seed,
     )
     return EngineBenchmark(
@@ -105,7 +109,9 @@ def main(arguments: Sequence[str]) -> int:
     run = RunFolder(options.out)
     run.record_config("evaluate engine", asdict(options))
     print_goals(check_goals(metrics))
-    console.print(f"Metrics: [bold]{run.metrics}[/], picture: [bold]{run.root / PICTURE}[/]")
+    console.print(f"Metrics: [bold]{run.metrics}[/]")
+    if (run.root / PICTURE).exists():
+        console.print(f"Picture: [bold]{run.root / PICTURE}[/]")
     return 0
 
 

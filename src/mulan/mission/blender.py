@@ -20,11 +20,12 @@ def read_blender(folder: Path) -> PosedImageSet:
     Raises:
         InputError: A file, image, pose or ``camera_angle_x`` is missing or cannot be used.
     """
-    test = _read_split(folder / TEST) if (folder / TEST).exists() else ()
-    return PosedImageSet(_read_split(folder / TRAIN), test, folder)
+    test = read_split(folder / TEST) if (folder / TEST).exists() else ()
+    return PosedImageSet(read_split(folder / TRAIN), test, folder)
 
 
-def _read_split(path: Path) -> tuple[PosedImage, ...]:
+def read_split(path: Path) -> tuple[PosedImage, ...]:
+    """The photographs of one ``transforms_*.json``; see :func:`read_blender`."""
     record = json_fields.load_object(path)
     angle_rad = json_fields.number(record, "camera_angle_x", path)
     if angle_rad is None or not 0 < angle_rad < math.pi:

@@ -18,8 +18,9 @@ from mulan.radiance.torch_engine import TorchEngine
 _log = logging.getLogger(__name__)
 
 WITHOUT_NATIVE = (
-    "the slower torch engine runs; install a C++ compiler "
-    "(Debian: apt-get install g++) and run 'pip install --force-reinstall --no-deps' on mulan again"
+    "the slower torch engine runs; install a C++ compiler (Debian: apt-get install g++, macOS: "
+    "xcode-select --install) and run 'pip install --force-reinstall --no-deps' on mulan again, "
+    "or install a released wheel, which needs none"
 )
 
 

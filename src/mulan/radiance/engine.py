@@ -20,6 +20,8 @@ class RayBatch:
         image_index: Which image each ray came from.
         opacity: Coverage of each ray's pixel by the object, where known; only learning before random
             backgrounds needs it.
+        rays_a_pixel: So many neighbouring rays (at most 16) sample one pixel, repeat its colour, weight and
+            image: the loss compares the colour with their mean.
     """
 
     origins: Float[Tensor, "r 3"]
@@ -28,30 +30,19 @@ class RayBatch:
     weights: Float[Tensor, "r"]
     image_index: Int[Tensor, "r"]
     opacity: Float[Tensor, "r"] | None = None
+    rays_a_pixel: int = 1
 
-    def check_finite(self) -> None:
-        """Refuse NaN and infinity before a kernel sees them; the colour of an ignored ray may be anything.
-
-        Raises:
-            ValueError: An array holds one; the message names it.
-        """
-        check_finite(origins=self.origins, directions=self.directions, weights=self.weights)
-        if not torch.isfinite(self.colours.sum()):
-            check_finite(colours=self.colours[self.weights > 0])
-        if self.opacity is not None:
-            check_finite(opacity=self.opacity)
-
-
-def check_finite(**arrays: Tensor) -> None:
-    """Refuse NaN and infinity.
-
-    Raises:
-        ValueError: An array holds one; the message has the name it was given.
-    """
-    for name, array in arrays.items():
-        # one sum tells at once whether all are finite; only a sum that overflows needs the closer look
-        if not torch.isfinite(array.sum()) and not torch.isfinite(array).all():
-            raise ValueError(f"{name} must be finite: one is NaN or infinite")
+    def to(self, device: torch.device) -> "RayBatch":
+        """The same rays on another device."""
+        return RayBatch(
+            origins=self.origins.to(device),
+            directions=self.directions.to(device),
+            colours=self.colours.to(device),
+            weights=self.weights.to(device),
+            image_index=self.image_index.to(device),
+            opacity=None if self.opacity is None else self.opacity.to(device),
+            rays_a_pixel=self.rays_a_pixel,
+        )
 
 
 @dataclass(frozen=True)

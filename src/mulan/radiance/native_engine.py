@@ -8,7 +8,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mulan.radiance.config import FieldConfig, MarchConfig
-from mulan.radiance.engine import RayBatch, RaySamples, Rendering, StepReport, check_finite
+from mulan.radiance.engine import RayBatch, RaySamples, Rendering, StepReport
+from mulan.radiance.finite import check_finite, check_finite_batch, check_finite_rays
 from mulan.radiance.kernels.native_buffers import address, native_field, native_scene
 from mulan.radiance.kernels.native_grid import NativeGrid, NativeGridConfig
 from mulan.radiance.kernels.native_library import NativeLibrary, check, find_native_library
@@ -38,7 +39,6 @@ NETWORKS = (
     "colour_out",
     "variance_out",
 )
-ADAM = (0.9, 0.99, 1e-15)  # decay of the mean, of the square, and epsilon
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class NativeEngine(SplitStepEngine):
         self._scene = native_scene(march, space, white_background)
         workspace = self._c.mulan_workspace_create(self.native_config.threads or torch.get_num_threads())
         if not workspace:
-            raise MemoryError("no memory for the native engine's workspace")
+            raise MemoryError("the native engine gets no workspace: too little memory, or too many threads")
         self._workspace = workspace
         weakref.finalize(self, self._c.mulan_workspace_destroy, workspace)
 
@@ -145,7 +145,7 @@ class NativeEngine(SplitStepEngine):
         """First half of a step; see :class:`SplitStepEngine`."""
         values = torch.empty(self.parameter_count) if out is None else out
         first = part.first if part else 0
-        batch.check_finite()
+        check_finite_batch(batch)
         rays, _keep = self._rays(batch.origins, batch.directions, self._new_seed(), first)
         objective, _kept = native_objective(batch, self.optimiser_config, self._scene, self._generator, part)
         table, networks = values.split([self._table.numel(), self._networks.numel()])
@@ -175,7 +175,9 @@ class NativeEngine(SplitStepEngine):
         self, value: Tensor, mean: Tensor, square: Tensor, gradient: Tensor, rate: float, skip: bool
     ) -> None:
         arrays = (address(x) for x in (value, mean, square, gradient))
-        check(self._c.mulan_adam(value.numel(), *arrays, rate, *ADAM, self._steps + 1, skip))
+        config = self.optimiser_config
+        constants = config.beta1, config.beta2, config.epsilon
+        check(self._c.mulan_adam(value.numel(), *arrays, rate, *constants, self._steps + 1, skip))
 
     def train_step_with_pose_gradients(
         self, batch: RayBatch, learning_rate_factor: float, R_world_camera: Float[Tensor, "images 3 3"]
@@ -204,11 +206,14 @@ class NativeEngine(SplitStepEngine):
         colour_gradient: Float[Tensor, "r 3"],
     ) -> tuple[Rendering, RayGradients]:
         """A rendering, and what a gradient to its colours means for the rays; the field stays as it is."""
+        check_finite("colour gradients", colour_gradient)
         colour_gradient = colour_gradient.contiguous()
         rays, keep = self._rays(origins, directions)
         rendering, c_rendering = self._empty_rendering(len(origins))
         gradients = RayGradients(torch.zeros_like(keep[0]), torch.zeros_like(keep[1]))
-        objective = NativeObjective(colour_gradient=address(colour_gradient, (len(origins), 3)))
+        objective = NativeObjective(
+            colour_gradient=address(colour_gradient, (len(origins), 3)), rays_a_pixel=1
+        )
         out = NativeGradients(origins=address(gradients.origins), directions=address(gradients.directions))
         report = NativeStepReport()
         check(
@@ -308,7 +313,7 @@ class NativeEngine(SplitStepEngine):
         gradients: RayGradients | None = None,
         poses: NativePoses | None = None,
     ) -> StepReport:
-        batch.check_finite()
+        check_finite_batch(batch)
         rays, _keep = self._rays(batch.origins, batch.directions, self._new_seed())
         optimiser, config = self.optimiser_config, self.native_config
         objective, _kept = native_objective(batch, optimiser, self._scene, self._generator)
@@ -316,7 +321,7 @@ class NativeEngine(SplitStepEngine):
             *(address(m) for m in (*self._table_moments, *self._network_moments)),
             optimiser.table_learning_rate * factor,
             optimiser.network_learning_rate * factor,
-            *ADAM,
+            *(optimiser.beta1, optimiser.beta2, optimiser.epsilon),
             self._steps + 1,
             not config.update_untouched,
         )
@@ -362,7 +367,7 @@ class NativeEngine(SplitStepEngine):
         origins, directions = origins.contiguous(), directions.contiguous()
         shape = (len(origins), 3)
         at = address(origins, shape), address(directions, shape)
-        check_finite(origins=origins, directions=directions)
+        check_finite_rays(origins, directions)
         rays = NativeRays(len(origins), *at, seed or 0, seed is not None, first)
         return rays, (origins, directions)
 

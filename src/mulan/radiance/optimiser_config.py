@@ -13,6 +13,12 @@ class OptimiserConfig:
     """Adam's step for the hash table."""
     network_learning_rate: float = 1e-2
     """Adam's step for the networks."""
+    beta1: float = 0.9
+    """Adam's memory of the gradient."""
+    beta2: float = 0.95
+    """Adam's memory of its square; a grid entry meets few rays, so a long memory lags behind."""
+    epsilon: float = 1e-15
+    """Adam's floor under the root of the square."""
     loss: ColourLoss = field(default_factory=SquaredLoss)
     """What colour errors cost."""
     distortion_weight: float = 0.0

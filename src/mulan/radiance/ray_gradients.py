@@ -37,7 +37,7 @@ def pose_gradients(
     directions turn by ``R w``. The sum is taken in the order of the rays.
 
     Raises:
-        ValueError: An image index is out of range.
+        ValueError: An image index is out of range, or arrays do not belong together.
     """
     poses, out, _keep = native_poses(image_index, R_world_camera)
     arrays = [x.contiguous() for x in (directions, gradients.origins, gradients.directions)]
@@ -52,5 +52,7 @@ def native_poses(
     """Poses for a call, the gradient it will fill, and the arrays that must outlive it."""
     index, R = image_index.long().contiguous(), R_world_camera.contiguous()
     out = torch.zeros(len(R), 6)
-    poses = NativePoses(len(R), address(index, (len(index),)), address(R, (len(R), 3, 3)), address(out))
+    poses = NativePoses(
+        len(R), address(index, (len(index),), torch.int64), address(R, (len(R), 3, 3)), address(out)
+    )
     return poses, out, (index, R)

@@ -6,7 +6,8 @@ from torch import Tensor
 
 from mulan.radiance.background import random_background
 from mulan.radiance.config import FieldConfig, MarchConfig
-from mulan.radiance.engine import RayBatch, RaySamples, Rendering, StepReport, check_finite
+from mulan.radiance.engine import RayBatch, RaySamples, Rendering, StepReport
+from mulan.radiance.finite import check_finite_batch, check_finite_rays
 from mulan.radiance.kernels.composite import Composite
 from mulan.radiance.kernels.distortion import distortion
 from mulan.radiance.kernels.march import fraction_of_ray, step_count
@@ -60,8 +61,8 @@ class TorchEngine(SplitStepEngine):
         networks = [p for name, p in self.field.named_parameters() if name != "table"]
         self._adam = torch.optim.Adam(
             [{"params": [self.field.table]}, {"params": networks}],
-            betas=(0.9, 0.99),
-            eps=1e-15,
+            betas=(self.optimiser_config.beta1, self.optimiser_config.beta2),
+            eps=self.optimiser_config.epsilon,
             fused=True,
         )
 
@@ -130,17 +131,21 @@ class TorchEngine(SplitStepEngine):
         directions: Float[Tensor, "r 3"],
         part: BatchPart | None = None,
     ) -> StepReport:
-        batch.check_finite()
+        check_finite_batch(batch)
         part = part or BatchPart.whole(len(batch.weights))
         config = self.optimiser_config
-        used = (batch.weights > 0).nonzero()[:, 0]
+        a_pixel = batch.rays_a_pixel
+        pixels = (batch.weights[::a_pixel] > 0).nonzero()[:, 0]
+        used = (pixels[:, None] * a_pixel + torch.arange(a_pixel)).flatten()
         origins, directions = origins[used], directions[used]
-        weights = batch.weights[used]
-        background, target = self._background, batch.colours
+        weights = batch.weights[::a_pixel][pixels]
+        background, target = self._background, batch.colours[::a_pixel]
         if config.random_background:
-            background, target = random_background(target, batch.opacity, background, self._generator, part)
-            background = background[used]
-        target = target[used]
+            opacity = None if batch.opacity is None else batch.opacity[::a_pixel]
+            drawn_for = part.of_pixels(a_pixel)
+            background, target = random_background(target, opacity, background, self._generator, drawn_for)
+            background = background[pixels]
+        target = target[pixels]
         jitter = part.uniform(self._generator)[used]
         least = self._least_opacity(len(batch.weights))
         if least is not None:
@@ -148,14 +153,15 @@ class TorchEngine(SplitStepEngine):
             least = least[used]
         samples = self._evaluate(origins, directions, jitter, least, config.loss.teaches_variance)
         rendered = samples.composite(len(used))
-        error = rendered.colour + (1 - rendered.opacity)[:, None] * background - target
+        seen = over_pixel(rendered.colour, a_pixel)
+        error = seen + (1 - over_pixel(rendered.opacity, a_pixel))[:, None] * background - target
         squared = error.square().mean(-1)
         share = weights / weights.sum().clamp_min(1e-12)
-        loss = (share * self._cost(samples, rendered, error)).sum()
+        loss = (share * self._cost(samples, rendered, error, a_pixel)).sum()
         objective = loss
         if not config.loss.teaches_variance:
             # blend and residual are detached so that this likelihood trains the head only
-            variance = _rendered_variance(samples, len(used)) + RENDERED_VARIANCE_FLOOR
+            variance = over_pixel(_rendered_variance(samples, len(used)), a_pixel) + RENDERED_VARIANCE_FLOOR
             objective = loss + (share * gaussian_likelihood(squared.detach(), variance)).sum()
         self._adam.zero_grad(set_to_none=True)
         objective.backward()
@@ -178,7 +184,7 @@ class TorchEngine(SplitStepEngine):
 
         The depth is the blend's mean distance, 0 where nothing is hit.
         """
-        check_finite(origins=origins, directions=directions)
+        check_finite_rays(origins, directions)
         parts = []
         for start in range(0, len(origins), self._rays_at_once):
             o = origins[start : start + self._rays_at_once]
@@ -197,7 +203,7 @@ class TorchEngine(SplitStepEngine):
     @torch.no_grad()
     def sample(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> RaySamples:
         """The samples a rendering is made of; see :class:`RadianceEngine`."""
-        check_finite(origins=origins, directions=directions)
+        check_finite_rays(origins, directions)
         parts = []
         for start in range(0, max(len(origins), 1), self._rays_at_once):
             o = origins[start : start + self._rays_at_once]
@@ -269,17 +275,19 @@ class TorchEngine(SplitStepEngine):
         )
 
     def _cost(
-        self, samples: FieldSamples, rendered: Composite, error: Float[Tensor, "r 3"]
-    ) -> Float[Tensor, "r"]:
+        self, samples: FieldSamples, rendered: Composite, error: Float[Tensor, "p 3"], rays_a_pixel: int
+    ) -> Float[Tensor, "p"]:
         config = self.optimiser_config
-        cost = config.loss(error, rendered.variance + RENDERED_VARIANCE_FLOOR)
+        cost = config.loss(error, over_pixel(rendered.variance, rays_a_pixel) + RENDERED_VARIANCE_FLOOR)
         if config.distortion_weight > 0:
             march = self.march_config
             place = fraction_of_ray(samples.distance_m, march, self.space)
-            scatter = distortion(samples.blend, samples.ray_index, place, 1 / step_count(march), len(error))
-            cost = cost + config.distortion_weight * scatter
+            scatter = distortion(
+                samples.blend, samples.ray_index, place, 1 / step_count(march), len(rendered.opacity)
+            )
+            cost = cost + config.distortion_weight * over_pixel(scatter, rays_a_pixel)
         if config.entropy_weight > 0:
-            cost = cost + config.entropy_weight * opacity_entropy(rendered.opacity)
+            cost = cost + config.entropy_weight * over_pixel(opacity_entropy(rendered.opacity), rays_a_pixel)
         return cost
 
     def _density_unit(self, unit: Float[Tensor, "n 3"]) -> Float[Tensor, "n"]:
@@ -291,6 +299,11 @@ class TorchEngine(SplitStepEngine):
         cells = self._occupancy.choose_cells(self._generator)
         unit = self._occupancy.points_in(cells, self._generator)
         self._occupancy.refresh(cells, unit, self._density_unit(unit))
+
+
+def over_pixel(of_rays: Float[Tensor, "r *k"], rays_a_pixel: int) -> Float[Tensor, "p *k"]:
+    """Mean over each pixel's neighbouring rays."""
+    return of_rays.view(-1, rays_a_pixel, *of_rays.shape[1:]).mean(1)
 
 
 def _rendered_variance(samples: FieldSamples, rays: int) -> Float[Tensor, "r"]:

@@ -45,13 +45,19 @@ class DataParallel:
         self._owed_s = 0.0
 
     def step(
-        self, data: PosedPixels, rays: int, sampler: torch.Generator, learning_rate_factor: float
+        self,
+        data: PosedPixels,
+        rays: int,
+        pairs: bool,
+        sampler: torch.Generator,
+        learning_rate_factor: float,
     ) -> tuple[StepReport, float]:
         """One optimiser step on the joint batch.
 
         Args:
             data: Photographs, the same everywhere.
             rays: Rays of the joint batch.
+            pairs: Whether every two of them are one pixel.
             sampler: Draws them; equal everywhere.
             learning_rate_factor: As in :meth:`RadianceEngine.train_step`.
 
@@ -64,10 +70,10 @@ class DataParallel:
         began, place = time.perf_counter(), self._group.place
         error, gradients, report = None, None, StepReport(0.0, 0.0, 0)
         try:
-            part = BatchPart.of_process(rays, place.rank, place.processes)
-            gradients, report = self._engine.gradients(
-                data.sample(rays, sampler, part), part, self._sum.own()
-            )
+            part = BatchPart.of_process(max(rays // 2, 1) if pairs else rays, place.rank, place.processes)
+            batch = (data.sample_pairs if pairs else data.sample)(rays, sampler, part)
+            part = part.of_rays(batch.rays_a_pixel)
+            gradients, report = self._engine.gradients(batch, part, self._sum.own())
         except Exception as caught:
             error = caught
         meeting = time.perf_counter()

@@ -10,6 +10,8 @@ from torch import Tensor
 
 from mulan.errors import InputError
 from mulan.radiance.engine import RayBatch
+from mulan.radiance.kernels.native_library import find_native_library
+from mulan.radiance.kernels.ray_gather import PixelTable, gather_rays
 from mulan.reconstruction.captured_image import CapturedImage
 from mulan.reconstruction.posed_pixels import PosedPixels, first_directions
 
@@ -58,12 +60,13 @@ class ImageTensors(PosedPixels):
         # pixels of weight zero are never drawn
         self._drawable = (self.weights > 0).nonzero()[:, 0]
         self._every_pixel_drawable = len(self._drawable) == len(self.weights)
+        self._last_table: PixelTable | None = None
 
     def move_to(self, device: torch.device) -> None:
         """See :class:`PosedPixels`; the pixels move too."""
         for name in ("_image_of_pixel", "_colour", "weights", "T_world_camera", "_directions", "_drawable"):
             setattr(self, name, getattr(self, name).to(device))
-        self._direction_shift = self._direction_shift.to(device)
+        self._direction_shift, self._focal_px = self._direction_shift.to(device), self._focal_px.to(device)
         self._opacity = None if self._opacity is None else self._opacity.to(device)
         self._device = device
 
@@ -86,18 +89,17 @@ class ImageTensors(PosedPixels):
 
     def rays(self, pixel: Int[Tensor, "r"]) -> RayBatch:
         """Rays of pixels numbered through all images, row by row."""
-        image = self._image_of_pixel[pixel].long()
-        camera_direction = self._directions[pixel + self._direction_shift[image]]
-        T = self.T_world_camera[image]
-        direction = (T[:, :3, :3] * camera_direction[:, None, :]).sum(-1)
-        return RayBatch(
-            origins=T[:, :3, 3],
-            directions=torch.nn.functional.normalize(direction, dim=-1),
-            colours=self._colour[pixel].float() / 255,
-            weights=self.weights[pixel],
-            image_index=image,
-            opacity=None if self._opacity is None else self._opacity[pixel].float() / 255,
-        )
+        in_main_memory = self._colour.device.type == "cpu"
+        return gather_rays(self._table(), pixel, find_native_library()[0] if in_main_memory else None)
+
+    def _table(self) -> PixelTable:
+        # poses and weights may have been replaced since the last batch
+        last = self._last_table
+        if last and last.T_world_camera is self.T_world_camera and last.weights is self.weights:
+            return last
+        parts = self._colour, self.weights, self._image_of_pixel, self._directions, self._direction_shift
+        self._last_table = PixelTable(*parts, self.T_world_camera.contiguous(), self._opacity)
+        return self._last_table
 
     def _drawn(self, number: Int[Tensor, "r"]) -> Int[Tensor, "r"]:
         return number if self._every_pixel_drawable else self._drawable[number]

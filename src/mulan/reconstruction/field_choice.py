@@ -35,19 +35,31 @@ def choose_field(longest_side: int, views: int, unbounded: bool, on_gpu: bool = 
     )
 
 
-def choose_march(longest_side: int, unbounded: bool, on_gpu: bool = False) -> MarchConfig:
-    """256 steps for small pictures, 384 for larger ones; on a GPU instant-ngp's 1024 and a finer grid.
+def choose_march(
+    longest_side: int, unbounded: bool, quick: bool = False, on_gpu: bool = False
+) -> MarchConfig:
+    """256 steps for small pictures, 384 for larger ones; on a GPU 1024 and a finer grid.
 
     Unbounded rays stop at a hundredth of their light, and cells thinner than the thinnest sample that counts
-    are skipped: both were compared by ``benchmarks/unbounded.py``.
+    are skipped: both were compared by ``benchmarks/unbounded.py``. So are those of an object in a quick
+    training (:attr:`TrainConfig.quick`), with fewer steps; a long one would lose detail by it
+    (``benchmarks/bounded.py``).
     """
     steps = 1024 if on_gpu else 256 if longest_side <= 160 else 384
-    march = MarchConfig(steps=steps, occupancy_resolution=128 if on_gpu else MarchConfig.occupancy_resolution)
-    if not unbounded:
-        return march
-    return replace(march, occupancy_threshold=MarchConfig.least_opacity, min_transmittance=1e-2)
+    grid = 128 if on_gpu else MarchConfig.occupancy_resolution
+    march = MarchConfig(steps=steps, occupancy_resolution=grid)
+    if unbounded:
+        return replace(march, occupancy_threshold=march.least_opacity, min_transmittance=1e-2)
+    if quick and not on_gpu:
+        return MarchConfig(steps=steps * 3 // 4, occupancy_threshold=0.03, min_transmittance=1e-3)
+    return march
 
 
-def choose_optimiser(unbounded: bool) -> OptimiserConfig:
-    """Unbounded scenes pay for weight scattered along their rays, or fog would stay before the cameras."""
-    return OptimiserConfig(distortion_weight=0.03 if unbounded else 0.0)
+def choose_optimiser(unbounded: bool, quick: bool = False) -> OptimiserConfig:
+    """Unbounded scenes pay for weight scattered along their rays, or fog would stay before the cameras.
+
+    A quick training of an object takes larger steps of the table.
+    """
+    if unbounded:
+        return OptimiserConfig(distortion_weight=0.03)
+    return OptimiserConfig(table_learning_rate=3e-2 if quick else 2e-2)

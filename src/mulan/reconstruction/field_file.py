@@ -31,12 +31,14 @@ class FieldDescription:
         march: Sampling.
         space: Where it lives.
         white_background: Whether rays that hit nothing see white, or black.
+        sub_pixels: Rays a side of a pixel that its pictures are the mean of, as it was learnt.
     """
 
     field: FieldConfig
     march: MarchConfig
     space: SceneSpace
     white_background: bool
+    sub_pixels: int = 1
 
     def new_engine(
         self, seed: int, optimiser: OptimiserConfig | None = None, device: torch.device | None = None
@@ -64,6 +66,7 @@ class FieldDescription:
             MarchConfig(**value["march"]),
             SceneSpace((x, y, z), float(space["radius_m"]), bool(space["unbounded"])),
             bool(value["white_background"]),
+            int(value["sub_pixels"]),
         )
 
 
@@ -109,15 +112,21 @@ def save_field(path: Path, engine: RadianceEngine, description: FieldDescription
 
 
 def load_engine(path: Path) -> RadianceEngine:
-    """A trained field, ready to render or to go on learning.
+    """A trained field, ready to render or to go on learning; see :func:`load_field`."""
+    return load_field(path)[0]
+
+
+def load_field(path: Path) -> tuple[RadianceEngine, FieldDescription]:
+    """A trained field and its description.
 
     Raises:
         InputError: The file is missing, damaged or does not hold a field of this version.
     """
     tensors, header = read_tensors(path)
     try:
-        engine = FieldDescription.from_json(header).new_engine(seed=0)
+        description = FieldDescription.from_json(header)
+        engine = description.new_engine(seed=0)
         engine.load_state(tensors)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(path, "field", f"does not fit this version ({error})", _REMEDY) from error
-    return engine
+    return engine, description

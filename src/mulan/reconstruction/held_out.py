@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -15,25 +15,20 @@ from mulan.radiance.engine import RadianceEngine, Rendering
 from mulan.reconstruction.captured_image import CapturedImage
 from mulan.reconstruction.dataset import ImageTensors
 from mulan.reconstruction.posed_pixels import PosedPixels
+from mulan.reconstruction.sub_pixels import Renders
 
 
-@runtime_checkable
-class Renders(Protocol):
-    """Anything that renders rays."""
-
-    def render(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> Rendering:
-        """Colour, depth, opacity and colour variance along rays."""
-        ...
-
-
-def psnr_db(engine: Renders, images: PosedPixels, index: int) -> float:
+def psnr_db(engine: Renders, images: PosedPixels, index: int, sub_pixels: int = 1) -> float:
     """Peak signal-to-noise ratio of one rendered view against its photograph (colours in [0, 1])."""
-    rays = images.image_rays(index)
-    return _psnr_db(engine.render(rays.origins, rays.directions).colour, rays.colours)
+    return _psnr_db(images.render(engine, index, sub_pixels).colour, images.image_rays(index).colours)
 
 
 def evaluate_held_out(
-    engine: RadianceEngine, test: tuple[CapturedImage, ...], run: RunFolder, keep: int = 6
+    engine: RadianceEngine,
+    test: tuple[CapturedImage, ...],
+    run: RunFolder,
+    keep: int = 6,
+    sub_pixels: int = 1,
 ) -> dict[str, Any]:
     """Render every held-out view, compare, and keep some pictures in ``renders/``.
 
@@ -42,6 +37,7 @@ def evaluate_held_out(
         test: Held-out photographs at the size to compare at.
         run: Folder for ``renders/000_true.png``, ``000_rendered.png``, ``000_depth.png`` (near is bright).
         keep: How many views to keep, spread over the set.
+        sub_pixels: Rays a side of a pixel; the field's description says what it was learnt for.
 
     Returns:
         ``views`` (name, psnr_db, ssim each), ``psnr_db`` and ``ssim``, the means over the views, or None
@@ -54,8 +50,8 @@ def evaluate_held_out(
     views = []
     for i, image in enumerate(test):
         # one at a time: all of them together may not fit into memory
-        rays = ImageTensors([image]).image_rays(0)
-        rendering = engine.render(rays.origins, rays.directions)
+        alone = ImageTensors([image])
+        rays, rendering = alone.image_rays(0), alone.render(engine, 0, sub_pixels)
         h, w = image.colour.shape[:2]
         view = {
             "name": image.posed.path.name,

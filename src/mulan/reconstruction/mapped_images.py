@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from mulan.radiance.engine import RayBatch
+from mulan.radiance.kernels.native_library import find_native_library
+from mulan.radiance.kernels.ray_gather import PixelTable, gather_rays
 from mulan.radiance.space import SceneSpace
 from mulan.reconstruction.dataset import check_weight_map, fingerprint_of
 from mulan.reconstruction.mapped_arrays import ArrayPlan, MappedArrays, map_arrays, write_arrays
@@ -70,6 +72,7 @@ class MappedImages(PosedPixels):
     def move_to(self, device: torch.device) -> None:
         """See :class:`PosedPixels`; the files stay where they are, each batch is moved."""
         self._device = device
+        self.T_world_camera, self._focal_px = self.T_world_camera.to(device), self._focal_px.to(device)
 
     @property
     def drawable_pixels(self) -> int:
@@ -85,21 +88,19 @@ class MappedImages(PosedPixels):
         """Rays of pixels."""
         pixel = pixel.cpu()
         image = torch.searchsorted(self._first_pixel, pixel, right=True) - 1
-        shift = self._direction_shift[image]
         directions = self._directions.arrays["directions"]
-        camera_direction = torch.from_numpy(directions[(pixel + shift).numpy()])
-        T = self.T_world_camera[image]
-        direction = (T[:, :3, :3] * camera_direction[:, None, :]).sum(-1)
-        colour_and_alpha = torch.from_numpy(self._photographs.pixels[pixel.numpy()]).float() / 255
-        weights = torch.from_numpy(self._weights.arrays["weights"][pixel.numpy()])
-        return RayBatch(
-            origins=T[:, :3, 3].to(self._device),
-            directions=torch.nn.functional.normalize(direction, dim=-1).to(self._device),
-            colours=colour_and_alpha[:, :3].to(self._device),
-            weights=weights.to(self._device),
-            image_index=image.to(self._device),
-            opacity=colour_and_alpha[:, 3].to(self._device) if self._cut_out else None,
+        colour, alpha = torch.from_numpy(self._photographs.pixels[pixel.numpy()]).split([3, 1], -1)
+        drawn = PixelTable(
+            colours=colour.contiguous(),
+            weights=torch.from_numpy(self._weights.arrays["weights"][pixel.numpy()]),
+            image=image.int(),
+            camera_directions=torch.from_numpy(directions[(pixel + self._direction_shift[image]).numpy()]),
+            direction_shift=torch.zeros(len(self.images), dtype=torch.long),
+            T_world_camera=self.T_world_camera.cpu().contiguous(),
+            opacity=alpha[:, 0].contiguous() if self._cut_out else None,
         )
+        batch = gather_rays(drawn, torch.arange(len(pixel)), find_native_library()[0])
+        return batch if self._device.type == "cpu" else batch.to(self._device)
 
     def _drawn(self, number: Int[Tensor, "r"]) -> Int[Tensor, "r"]:
         return number if self._drawable is None else torch.from_numpy(self._drawable[number.cpu().numpy()])

@@ -9,9 +9,10 @@ from jaxtyping import Int
 from torch import Tensor
 
 from mulan.geometry.camera import PinholeCamera
-from mulan.radiance.engine import RayBatch
+from mulan.radiance.engine import RayBatch, Rendering
 from mulan.radiance.split_step import BatchPart
 from mulan.reconstruction.captured_image import CapturedImage, check_posed
+from mulan.reconstruction.sub_pixels import Renders, random_diagonals, render_pixels, spread_directions
 
 
 class PosedPixels(ABC):
@@ -38,6 +39,7 @@ class PosedPixels(ABC):
         self._first_pixel = torch.cat([torch.zeros(1, dtype=torch.long), counts.cumsum(0)])
         poses = np.stack([image.T_world_camera for image in self.images])
         self.T_world_camera = torch.from_numpy(poses).float()
+        self._focal_px = torch.tensor([[image.camera.fx, image.camera.fy] for image in self.images])
         self._device = torch.device("cpu")
 
     def __len__(self) -> int:
@@ -71,10 +73,37 @@ class PosedPixels(ABC):
         number = number if part is None else part.of(number)
         return self.rays(self._drawn(number.to(self._device)))
 
+    def sample_pairs(self, rays: int, generator: torch.Generator, part: BatchPart | None = None) -> RayBatch:
+        """Half as many pixels as rays: each is two rays on one of its diagonals, judged by their mean.
+
+        ``part`` counts pixels.
+        """
+        pixels = max(rays // 2, 1)
+        one, offset_px = self.sample(pixels, generator, part), random_diagonals(pixels, generator)
+        offset_px = (offset_px if part is None else part.of(offset_px)).to(one.origins.device)
+        R, focal_px = self.T_world_camera[one.image_index, :3, :3], self._focal_px[one.image_index]
+        return RayBatch(
+            origins=one.origins.repeat_interleave(2, 0),
+            directions=spread_directions(one.directions, R, focal_px, offset_px),
+            colours=one.colours.repeat_interleave(2, 0),
+            weights=one.weights.repeat_interleave(2),
+            image_index=one.image_index.repeat_interleave(2),
+            opacity=None if one.opacity is None else one.opacity.repeat_interleave(2),
+            rays_a_pixel=2,
+        )
+
     def image_rays(self, image: int) -> RayBatch:
         """Every ray of one image, row by row."""
         first, end = (int(self._first_pixel[i]) for i in (image, image + 1))
         return self.rays(torch.arange(first, end, device=self._device))
+
+    def render(self, engine: Renders, image: int, sub_pixels: int = 1) -> Rendering:
+        """What the field shows at one image's pose, row by row; see :func:`render_pixels`."""
+        rays = self.image_rays(image)
+        R, focal_px = self.T_world_camera[image, :3, :3], self._focal_px[image]
+        pixels = len(rays.weights)
+        lens = R.expand(pixels, 3, 3), focal_px.expand(pixels, 2)
+        return render_pixels(engine, rays.origins, rays.directions, *lens, sub_pixels)
 
 
 def first_directions(cameras: Sequence[PinholeCamera]) -> tuple[list[PinholeCamera], Int[Tensor, "images"]]:

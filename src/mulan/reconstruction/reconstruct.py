@@ -65,7 +65,8 @@ def reconstruct(
     }
     with group.all_or_none() if group else nullcontext():
         if leads:
-            metrics |= evaluate_held_out(result.engine, result.test, run)
+            sub_pixels = result.description.sub_pixels
+            metrics |= evaluate_held_out(result.engine, result.test, run, sub_pixels=sub_pixels)
             write_json(run.metrics, metrics)
     return group.broadcast_json(metrics) if group else metrics
 

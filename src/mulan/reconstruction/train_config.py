@@ -10,6 +10,9 @@ from tyro.conf import EnumChoicesFromValues, arg
 from mulan.radiance.backend import Device
 from mulan.radiance.config import FieldConfig, MarchConfig
 
+FIRST_OBJECT_BATCH = 4096  # samples, of a quick training
+QUICK_S, QUICK_STEPS = 20.0, 2500
+
 
 @dataclass(frozen=True)
 class TrainConfig:
@@ -22,10 +25,17 @@ class TrainConfig:
     steps: int | None = None
     """Optimiser steps; overrides the time budget and makes the result repeatable bit for bit."""
     batch_samples: int | None = None
-    """Field evaluations a step of each process, to which the number of rays adapts; if not given 16384, on a
-    GPU 262144."""
+    """Field evaluations a step (of each process) at the end of the training, to which the number of rays
+    adapts; if not given 16384, on a GPU 262144."""
+    first_batch_samples: int | None = None
+    """Field evaluations of the first step, from which they grow by equal factors in equal shares of the
+    training; chosen by the kind of scene and the length of the training if not given."""
     final_learning_rate: float = 0.01
     """Learning rate at the end, as a fraction of the first (half a cosine between)."""
+    antialias_share: float | None = None
+    """Last share of the training in which a pixel is two rays judged by their mean; the field's pictures then
+    have four rays a pixel. 0 = rays through the pixels' centres only, which render four times as fast; chosen
+    by the kind of scene if not given."""
     seed: int = 0
     """Of the initial field, the batches and the sampling."""
     evaluate_every_s: float = 15.0
@@ -44,7 +54,7 @@ class TrainConfig:
     """How rays are sampled; chosen from device and image size if not given."""
 
     def samples_a_batch(self, on_gpu: bool) -> int:
-        """Field evaluations to aim at in a step."""
+        """Field evaluations to aim at in the last step."""
         return self.batch_samples or (2**18 if on_gpu else 2**14)
 
     def what_is_learnt(self) -> dict[str, Any]:
@@ -53,6 +63,11 @@ class TrainConfig:
         for name in ("evaluate_every_s", "checkpoint_every_s", "image_memory_share", "image_cache"):
             del options[name]
         return options
+
+    @property
+    def quick(self) -> bool:
+        """Whether the rough shape matters more than the last detail (``benchmarks/bounded.py``)."""
+        return self.time_budget_s <= QUICK_S if self.steps is None else self.steps <= QUICK_STEPS
 
     def fraction_done(self, steps: int, seconds: float) -> float:
         """Share of the training behind us, 1 when it is over."""
@@ -63,3 +78,15 @@ class TrainConfig:
         """Half a cosine from 1 to the final learning rate."""
         cosine = 0.5 * (1 + math.cos(math.pi * fraction_done))
         return self.final_learning_rate + (1 - self.final_learning_rate) * cosine
+
+    def batch_samples_at(self, fraction_done: float, unbounded: bool, on_gpu: bool) -> int:
+        """Field evaluations to aim at in the next step.
+
+        Small batches learn the rough shape of an object in little time and large ones its details, with less
+        noise (Smith et al. 2018, "Don't decay the learning rate, increase the batch size").
+        """
+        last, first = self.samples_a_batch(on_gpu), self.first_batch_samples
+        if first is None:
+            grows = self.quick and not (unbounded or on_gpu)
+            first = min(FIRST_OBJECT_BATCH, last) if grows else last
+        return round(first * (last / first) ** fraction_done)

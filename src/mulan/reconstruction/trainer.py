@@ -25,6 +25,7 @@ from mulan.reconstruction.photographs import load_photographs
 from mulan.reconstruction.posed_pixels import PosedPixels
 from mulan.reconstruction.process_group import ProcessGroup
 from mulan.reconstruction.scene_space import choose_space
+from mulan.reconstruction.sub_pixels import Antialiasing
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.weights import Weighting
 
@@ -44,6 +45,7 @@ class TrainingStatus:
         samples: Field evaluations so far.
         train_psnr_db: Of recent batches.
         engine: The field as it stands; to look at, off the training clock.
+        sub_pixels: Rays a side of a pixel that its pictures are made of by now.
     """
 
     fraction_done: float
@@ -52,6 +54,7 @@ class TrainingStatus:
     samples: int
     train_psnr_db: float
     engine: RadianceEngine
+    sub_pixels: int = 1
 
 
 @dataclass(frozen=True)
@@ -130,17 +133,19 @@ def _prepare(
     device = config.device.resolve()
     on_gpu = device.type == "cuda"
     field = config.field or choose_field(config.image_size, len(captured), space.unbounded, on_gpu)
-    march = config.march or choose_march(config.image_size, space.unbounded, on_gpu)
-    description = FieldDescription(field, march, space, not space.unbounded)
+    march = config.march or choose_march(config.image_size, space.unbounded, config.quick, on_gpu)
+    antialiasing = Antialiasing.choose(config.antialias_share, space.unbounded, on_gpu)
+    description = FieldDescription(field, march, space, not space.unbounded, antialiasing.sub_pixels)
     data = photographs.with_weights(weighting, space)
     if not data.drawable_pixels:
         raise InputError(images.source, "weights", "are zero everywhere", "use weights that keep some images")
-    optimiser = choose_optimiser(space.unbounded)
+    optimiser = choose_optimiser(space.unbounded, config.quick and not on_gpu)
     engine = description.new_engine(config.seed, optimiser, device)
     data.move_to(device)
     identity = _identity(config, weighting, description, optimiser, data)
     identity["processes"] = group.place.processes if group else 1
-    return _Loop(config, engine, data, test, run, identity, group), description
+    loop = _Loop(config, space.unbounded, antialiasing, engine, data, test, run, identity, group)
+    return loop, description
 
 
 class _Loop:
@@ -149,6 +154,8 @@ class _Loop:
     def __init__(
         self,
         config: TrainConfig,
+        unbounded: bool,
+        antialiasing: Antialiasing,
         engine: RadianceEngine,
         data: PosedPixels,
         test: tuple[CapturedImage, ...],
@@ -161,8 +168,8 @@ class _Loop:
         self._group, self._together = group, None
         self._processes = group.place.processes if group else 1
         self._writes = group is None or group.leads
-        self._identity = identity
-        self._batch_samples = config.samples_a_batch(on_gpu=engine.device.type == "cuda")
+        self._identity, self._antialiasing = identity, antialiasing
+        self._unbounded, self._on_gpu = unbounded, engine.device.type == "cuda"
         self._curve_views = ImageTensors(test[:: max(1, len(test) // CURVE_VIEWS)]) if test else None
         self._sampler = torch.Generator().manual_seed(config.seed + 1)
         self.state = Progress()
@@ -222,28 +229,49 @@ class _Loop:
         s = self.state
         began = time.perf_counter()
         if self._together:
-            report, took = self._together.step(self._data, s.rays, self._sampler, learning_rate_factor)
+            pairs = self._pixels_are_pairs
+            report, took = self._together.step(self._data, s.rays, pairs, self._sampler, learning_rate_factor)
         else:
-            report = self.engine.train_step(self._data.sample(s.rays, self._sampler), learning_rate_factor)
+            draw = self._data.sample_pairs if self._pixels_are_pairs else self._data.sample
+            report = self.engine.train_step(draw(s.rays, self._sampler), learning_rate_factor)
             took = time.perf_counter() - began
         seconds = s.seconds + took
         error = report.mean_squared_error
         if s.mean_squared_error is not None:
             error = SMOOTHING * s.mean_squared_error + (1 - SMOOTHING) * error
-        rays = next_rays(s.rays, report.samples, self._batch_samples, self._processes)
+        config = self._config
+        done = config.fraction_done(s.steps, s.seconds)
+        target = config.batch_samples_at(done, self._unbounded, self._on_gpu)
+        rays = next_rays(s.rays, report.samples, target, self._processes)
         samples = s.samples + report.samples
         self.state = Progress(s.steps + 1, seconds, rays, samples, report.loss, error, s.history)
+
+    @property
+    def _pixels_are_pairs(self) -> bool:
+        return self._antialiasing.began(self._config.fraction_done(self.state.steps, self.state.seconds))
+
+    @property
+    def _sub_pixels(self) -> int:
+        return self._antialiasing.sub_pixels if self._pixels_are_pairs else 1
 
     def _status(self) -> TrainingStatus:
         s = self.state
         done = self._config.fraction_done(s.steps, s.seconds)
         return TrainingStatus(
-            done, s.steps, s.seconds, s.samples, _decibel(s.mean_squared_error), self.engine
+            done,
+            s.steps,
+            s.seconds,
+            s.samples,
+            _decibel(s.mean_squared_error),
+            self.engine,
+            self._sub_pixels,
         )
 
     def _add_to_history(self) -> None:
         views, s = self._curve_views, self.state
-        test = [psnr_db(self.engine, views, i) for i in range(len(views))] if views and self._writes else []
+        test = []
+        if views and self._writes:
+            test = [psnr_db(self.engine, views, i, self._sub_pixels) for i in range(len(views))]
         point = {
             "seconds": round(s.seconds, 3),
             "steps": s.steps,
@@ -263,10 +291,17 @@ def _check(images: PosedImageSet, config: TrainConfig) -> None:
         ("--image-size", config.image_size),
         ("--batch-samples", 1 if config.batch_samples is None else config.batch_samples),
         ("--image-memory-share", config.image_memory_share),
+        ("--first-batch-samples", 1 if config.first_batch_samples is None else config.first_batch_samples),
         ("--steps", 1 if config.steps is None else config.steps),
     ):
         if not (math.isfinite(value) and value > 0):
             raise InputError(option, "value", f"{value} is not a positive number", "give one above zero")
+    if config.antialias_share and config.device.resolve().type == "cuda":
+        problem = "needs the CPU engines; the GPU engine learns one ray a pixel"
+        raise InputError("--antialias-share", "value", problem, "give 0, or --device cpu")
+    if config.antialias_share is not None and not 0 <= config.antialias_share <= 1:
+        problem = f"{config.antialias_share} is no share"
+        raise InputError("--antialias-share", "value", problem, "give one between 0 and 1")
 
 
 def _identity(

@@ -72,7 +72,8 @@ class NaiveTorchField:
         self._occupancy = OccupancyGrid(description.march, description.space)
         networks = [p for name, p in self.field.named_parameters() if name != "table"]
         groups = [{"params": [self.field.table]}, {"params": networks}]
-        self._adam = torch.optim.Adam(groups, betas=(0.9, 0.99), eps=1e-15)
+        adam = self._optimiser
+        self._adam = torch.optim.Adam(groups, betas=(adam.beta1, adam.beta2), eps=adam.epsilon)
         self._steps = 0
 
     def load_state(self, state: dict[str, Tensor]) -> None:

@@ -21,7 +21,7 @@ from mulan.evaluation.engine.curve import THRESHOLD_DB, seconds_to_psnr
 from mulan.evaluation.engine.scenes import EngineScene
 
 _POLL_S = 0.2
-_LOG_TAIL = 300  # characters of a failed runner's last words kept as the reason
+_LAST_WORDS = 300  # characters of a failed runner's last line kept as the reason
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,9 @@ class PeerConfig:
     names: tuple[str, ...] = ("nerfacto", "tensorf", "opensplat")
     """Which of them; options of a runner's own may follow its name."""
     budget_s: float = 300.0
-    """Seconds of training on the object."""
+    """Seconds of training on the object; 0 leaves it out."""
     fox_budget_s: float = 60.0
-    """Seconds of training on the real place."""
+    """Seconds of training on the real place; 0 leaves it out."""
     every_nth_view: int = 10
     """Test views of the object it is scored on (0, n, 2n, ...), as peers render slowly; ours is then too."""
     fox_every_nth_view: int = 4
@@ -172,5 +172,7 @@ def _run(
                 process.wait()
     if process.returncode == 0:
         return None
-    tail = log.read_text(errors="replace").strip()[-_LOG_TAIL:]
-    return f"it ended with code {process.returncode}: {tail}"
+    if process.returncode < 0:
+        return f"somebody ended it with signal {-process.returncode}"
+    words = log.read_text(errors="replace").strip().splitlines() or ["it said nothing"]
+    return f"it ended with code {process.returncode}: {words[-1][-_LAST_WORDS:]}"

@@ -16,6 +16,7 @@ from mulan.evaluation.engine.throughput import ThroughputConfig, compare_through
 from mulan.evaluation.engine.torch_training import torch_fields, train_torch_field
 from mulan.evaluation.provenance import provenance
 from mulan.mission.run_folder import RunFolder, read_json, write_json
+from mulan.radiance.backend import Device
 from mulan.reconstruction.captured_image import load_captured
 from mulan.reconstruction.train_config import TrainConfig
 
@@ -37,6 +38,8 @@ class EngineBenchmarkConfig:
     """Seconds of training given to each of the torch fields."""
     torch_curve_points: int = 8
     """How often the torch fields are scored (a score takes them several seconds)."""
+    device: Device = Device.CPU
+    """Where our own trainings run; everything else is measured on the CPU."""
     seed: int = 0
     """Source of all randomness."""
 
@@ -113,7 +116,7 @@ class EngineBenchmark:
             self._listener.say(f"{name}, {scene}: {psnr_db:.2f} dB after {seconds:.0f} s")
 
     def _measure_scene(self, scene: EngineScene) -> None:
-        found = measure_scene(scene, self._config.seed, self._run, self._listener)
+        found = measure_scene(scene, self._config.seed, self._config.device, self._run, self._listener)
         self._keep(scene.name, {scene.name: found})
 
     def _measure_throughput(self) -> None:
@@ -132,7 +135,7 @@ class EngineBenchmark:
         config = TrainConfig(
             image_size=scene.image_size, time_budget_s=self._config.torch_budget_s, seed=self._config.seed
         )
-        for name, torch_field in torch_fields(scene, self._config.seed).items():
+        for name, torch_field in torch_fields(scene, config).items():
             progress = self._listener.begin(f"{name} on {scene.name}")
             points = self._config.torch_curve_points
             result = train_torch_field(torch_field, scene, config, points, progress)
@@ -147,6 +150,8 @@ class EngineBenchmark:
                 (OBJECT, config.budget_s, config.every_nth_view, 12),
                 (PLACE, config.fox_budget_s, config.fox_every_nth_view, 4),
             ):
+                if budget_s <= 0:
+                    continue
                 result: dict[str, Any] = {"not_run": reason}
                 if reason is None:
                     first_s = budget_s / PEER_SCORE_GROWTH**scores

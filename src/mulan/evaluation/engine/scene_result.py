@@ -10,6 +10,7 @@ from mulan.evaluation.engine.peak_memory import peak_memory_gb, reset_peak_memor
 from mulan.evaluation.engine.scenes import EngineScene
 from mulan.evaluation.engine.scoring import CurveRecorder, rays_per_s
 from mulan.mission.run_folder import RunFolder, write_json
+from mulan.radiance.backend import Device
 from mulan.reconstruction.captured_image import load_captured
 from mulan.reconstruction.dataset import ImageTensors
 from mulan.reconstruction.train_config import TrainConfig
@@ -17,12 +18,15 @@ from mulan.reconstruction.trainer import TrainingStatus, train
 from mulan.reconstruction.weights import NoWeights
 
 
-def measure_scene(scene: EngineScene, seed: int, folder: RunFolder, listener: Listener) -> dict[str, Any]:
+def measure_scene(
+    scene: EngineScene, seed: int, device: Device, folder: RunFolder, listener: Listener
+) -> dict[str, Any]:
     """Train once for every budget and score all held-out views as it goes, off the clock.
 
     Args:
         scene: Data, size, budgets.
         seed: Source of all randomness.
+        device: Where to learn and render.
         folder: Each training gets a folder below.
         listener: Hears of progress and results.
 
@@ -38,6 +42,7 @@ def measure_scene(scene: EngineScene, seed: int, folder: RunFolder, listener: Li
     images = scene.images()
     reset_peak_memory()
     views = ImageTensors(load_captured(images.test, scene.image_size))
+    views.move_to(device.resolve())
     final_db: dict[str, float] = {}
     curves: dict[str, list[tuple[float, float]]] = {}
     view_curves: dict[str, ViewCurve] = {}
@@ -47,10 +52,10 @@ def measure_scene(scene: EngineScene, seed: int, folder: RunFolder, listener: Li
         run.checkpoint.unlink(missing_ok=True)  # a benchmark never goes on where another stopped
         recorder = CurveRecorder(views, budget_s, scene.curve_points)
         follow = _follow(recorder, listener.begin(f"{scene.name}, {budget_s:g} s"))
-        config = TrainConfig(image_size=scene.image_size, time_budget_s=budget_s, seed=seed)
+        config = TrainConfig(image_size=scene.image_size, time_budget_s=budget_s, seed=seed, device=device)
         result = train(images, NoWeights(), config, run, follow)
         key = f"{budget_s:g}"
-        final_db[key] = recorder.finish(result.engine, result.seconds)
+        final_db[key] = recorder.finish(result.engine, result.seconds, result.description.sub_pixels)
         curves[key], view_curves[key] = recorder.curve, recorder.view_curve
         longest = {
             "samples_per_s": result.samples / result.seconds,
@@ -68,6 +73,7 @@ def measure_scene(scene: EngineScene, seed: int, folder: RunFolder, listener: Li
         "peak_memory_gb": peak_memory_gb(),
         "image_size": scene.image_size,
         "views": len(views),
+        "device": device.resolve().type,
     }
 
 
@@ -81,7 +87,7 @@ def _follow(
 ) -> Callable[[TrainingStatus], None]:
     def follow(status: TrainingStatus) -> None:
         if status.fraction_done < 1:
-            recorder.visit(status.engine, status.seconds)
+            recorder.visit(status.engine, status.seconds, status.sub_pixels)
         progress(status.fraction_done, 1, recorder.latest)
 
     return follow

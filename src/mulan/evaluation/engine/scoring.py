@@ -20,7 +20,7 @@ def rays_per_s(engine: RadianceEngine, views: ImageTensors) -> float:
     for i in range(0, len(views), max(1, len(views) // RATED_VIEWS)):
         rays = views.image_rays(i)
         began = time.perf_counter()
-        engine.render(rays.origins, rays.directions)
+        engine.render(rays.origins, rays.directions).colour.cpu()  # a GPU is done when its result is here
         rates.append(len(rays.origins) / (time.perf_counter() - began))
     return median(rates)
 
@@ -48,18 +48,18 @@ class CurveRecorder:
         """The last score, for a progress display."""
         return f"{self.curve[-1][1]:.2f} dB at {self.curve[-1][0]:.1f} s" if self.view_curve else ""
 
-    def visit(self, field: Renders, seconds: float) -> None:
+    def visit(self, field: Renders, seconds: float, sub_pixels: int = 1) -> None:
         """Called after every step with the training clock."""
         if not self._times or seconds < self._times[0]:
             return
         self._times = [later for later in self._times if later > seconds]
-        self._score(field, seconds)
+        self._score(field, seconds, sub_pixels)
 
-    def finish(self, field: Renders, seconds: float) -> float:
+    def finish(self, field: Renders, seconds: float, sub_pixels: int = 1) -> float:
         """Score the end of the training; returns the mean over the views."""
-        self._score(field, seconds)
+        self._score(field, seconds, sub_pixels)
         return self.curve[-1][1]
 
-    def _score(self, field: Renders, seconds: float) -> None:
-        scores = [round(psnr_db(field, self._views, i), 4) for i in range(len(self._views))]
+    def _score(self, field: Renders, seconds: float, sub_pixels: int) -> None:
+        scores = [round(psnr_db(field, self._views, i, sub_pixels), 4) for i in range(len(self._views))]
         self.view_curve.append((round(seconds, 3), scores))

@@ -12,6 +12,7 @@ from mulan.evaluation.engine.naive_torch import NaiveTorchField
 from mulan.radiance.engine import RadianceEngine, RayBatch, StepReport
 from mulan.radiance.kernels.native_library import find_native_library
 from mulan.radiance.native_engine import NativeEngine
+from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.radiance.torch_engine import TorchEngine
 from mulan.reconstruction.captured_image import CapturedImage
 from mulan.reconstruction.dataset import ImageTensors
@@ -48,18 +49,20 @@ class Trains(Protocol):
         ...
 
 
-def describe_field(images: Sequence[CapturedImage], image_size: int) -> FieldDescription:
-    """The field the trainer would choose for these photographs."""
+def describe_field(images: Sequence[CapturedImage], image_size: int, quick: bool = False) -> FieldDescription:
+    """The field the trainer would choose for these photographs on the CPU (quick: a short training)."""
     space = choose_space(images)
     field = choose_field(image_size, len(images), space.unbounded)
-    return FieldDescription(field, choose_march(image_size, space.unbounded), space, not space.unbounded)
+    march = choose_march(image_size, space.unbounded, quick)
+    return FieldDescription(field, march, space, not space.unbounded)
 
 
-def new_torch_engine(description: FieldDescription, seed: int) -> TorchEngine:
+def new_torch_engine(
+    description: FieldDescription, seed: int, optimiser: OptimiserConfig | None = None
+) -> TorchEngine:
     """The tuned torch engine of a description, whatever this machine would choose."""
-    return TorchEngine(
-        description.field, description.march, description.space, description.white_background, seed
-    )
+    d = description
+    return TorchEngine(d.field, d.march, d.space, d.white_background, seed, optimiser)
 
 
 def compare_throughput(
@@ -128,7 +131,7 @@ def _warm_up(engine: Trains, data: ImageTensors, config: ThroughputConfig) -> in
     rays = 1024
     for _ in range(config.warm_up_steps):
         report = engine.train_step(data.sample(rays, generator), 1.0)
-        rays = next_rays(rays, report.samples, config.samples_a_batch(on_gpu=False))
+        rays = next_rays(rays, report.samples, config.batch_samples)
     return rays
 
 

@@ -19,6 +19,7 @@ from mulan.evaluation.engine.throughput import (
 )
 from mulan.reconstruction.captured_image import load_captured
 from mulan.reconstruction.dataset import ImageTensors
+from mulan.reconstruction.field_choice import choose_optimiser
 from mulan.reconstruction.held_out import Renders
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.trainer import next_rays
@@ -29,10 +30,15 @@ class TrainableField(Trains, Renders, Protocol):
     """Takes optimiser steps and renders."""
 
 
-def torch_fields(scene: EngineScene, seed: int) -> dict[str, TrainableField]:
-    """The tuned and the naive torch field at the sizes the trainer would choose for a scene."""
-    description = describe_field(load_captured(scene.images().train, scene.image_size), scene.image_size)
-    return {TUNED: new_torch_engine(description, seed), NAIVE: NaiveTorchField(description, seed)}
+def torch_fields(scene: EngineScene, config: TrainConfig) -> dict[str, TrainableField]:
+    """The tuned and the naive torch field as the trainer would set them up for a scene and a training."""
+    images = load_captured(scene.images().train, scene.image_size)
+    description = describe_field(images, scene.image_size, config.quick)
+    optimiser = choose_optimiser(description.space.unbounded, config.quick)
+    return {
+        TUNED: new_torch_engine(description, config.seed, optimiser),
+        NAIVE: NaiveTorchField(description, config.seed, optimiser),
+    }
 
 
 def train_torch_field(
@@ -60,7 +66,7 @@ def train_torch_field(
         report = field.train_step(data.sample(rays, generator), config.learning_rate_factor(done))
         seconds += time.perf_counter() - began
         samples, steps = samples + report.samples, steps + 1
-        rays = next_rays(rays, report.samples, config.samples_a_batch(on_gpu=False))
+        rays = next_rays(rays, report.samples, config.batch_samples_at(done, unbounded=False, on_gpu=False))
     recorder.finish(field, seconds)
     return {
         "psnr_curve": recorder.curve,

@@ -7,8 +7,8 @@ import triton.language as tl
 from torch import Tensor
 
 from mulan.radiance.gpu.launch import programs
+from mulan.radiance.optimiser_config import OptimiserConfig
 
-BETA1, BETA2, EPSILON = 0.9, 0.99, 1e-15
 ELEMENTS = 1024  # of one program
 
 
@@ -54,6 +54,7 @@ def adam_step(
     gradient: Tensor,
     rate: float,
     step: int,
+    config: OptimiserConfig,
     skip_untouched: bool = False,
     level_weight: Tensor | None = None,
 ) -> None:
@@ -65,14 +66,15 @@ def adam_step(
         gradient: Set to zero.
         rate: Step length.
         step: Number of this step, from 1.
+        config: Adam's constants.
         skip_untouched: Leave numbers without gradient entirely alone.
         level_weight: Weight of each row of ``value``; rows of weight 0 stay as they are.
     """
-    n = value.numel()
+    n, b1, b2 = value.numel(), config.beta1, config.beta2
     adam_kernel[(programs(n, ELEMENTS),)](
         *(value, moments[0], moments[1], gradient, value if level_weight is None else level_weight),
-        *(rate / (1 - BETA1**step), 1 / (1 - BETA2**step) ** 0.5, n),
-        *(n if level_weight is None else n // len(level_weight), BETA1, BETA2, EPSILON),
+        *(rate / (1 - b1**step), 1 / (1 - b2**step) ** 0.5, n),
+        *(n if level_weight is None else n // len(level_weight), b1, b2, config.epsilon),
         SKIP_UNTOUCHED=skip_untouched,
         LEVELLED=level_weight is not None,
         B=ELEMENTS,

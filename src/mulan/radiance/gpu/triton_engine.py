@@ -7,6 +7,7 @@ from torch import Tensor
 from mulan.radiance.background import random_background
 from mulan.radiance.config import FieldConfig, MarchConfig
 from mulan.radiance.engine import RadianceEngine, RayBatch, RaySamples, Rendering, StepReport
+from mulan.radiance.finite import check_finite, check_finite_batch, check_finite_rays
 from mulan.radiance.gpu.adam_kernel import adam_step
 from mulan.radiance.gpu.gpu_field import GpuField
 from mulan.radiance.gpu.launch import TritonConfig, programs
@@ -119,6 +120,7 @@ class TritonEngine(RadianceEngine):
         colour_gradient: Float[Tensor, "r 3"],
     ) -> tuple[Rendering, RayGradients]:
         """A rendering, and what a gradient to its colours means for the rays; the field stays as it is."""
+        check_finite("colour gradients", colour_gradient)
         o, d = self._rays(origins, directions)
         upstream = colour_gradient.to(self.device).contiguous()
         rendering = _empty_rendering(origins)
@@ -193,6 +195,9 @@ class TritonEngine(RadianceEngine):
 
     @torch.no_grad()
     def _train(self, batch: RayBatch, factor: float, gradients: RayGradients | None) -> StepReport:
+        if batch.rays_a_pixel != 1:
+            raise ValueError("the GPU engine learns one ray a pixel")
+        check_finite_batch(batch)
         seed = self._new_seed()
         report = self._learn(batch, seed, gradients)
         self._apply(factor)
@@ -234,10 +239,10 @@ class TritonEngine(RadianceEngine):
         self._steps += 1
         adam_step(
             *(p.table, p.table_moments, p.table_gradient, rates.table_learning_rate * factor, self._steps),
-            *(not config.update_untouched, self._field.encoding.level_weight),
+            *(rates, not config.update_untouched, self._field.encoding.level_weight),
         )
         rate = rates.network_learning_rate * factor
-        adam_step(p.networks, p.network_moments, p.network_gradient, rate, self._steps)
+        adam_step(p.networks, p.network_moments, p.network_gradient, rate, self._steps, rates)
 
     def _new_seed(self) -> int:
         return int(torch.randint(2**62, (), generator=self._generator))
@@ -245,9 +250,7 @@ class TritonEngine(RadianceEngine):
     def _rays(self, origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
         if origins.shape != directions.shape:
             raise ValueError(f"{len(origins)} origins do not go with {len(directions)} directions")
-        # one sum tells whether all are finite
-        if not torch.isfinite(origins.sum() + directions.sum()):
-            raise ValueError("rays must be finite: an origin or a direction is NaN or infinite")
+        check_finite_rays(origins, directions)
         return origins.to(self.device).contiguous(), directions.to(self.device).contiguous()
 
 

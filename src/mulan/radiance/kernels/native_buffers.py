@@ -2,6 +2,7 @@
 
 import math
 
+import torch
 from torch import Tensor
 
 from mulan.radiance.config import FieldConfig, MarchConfig
@@ -11,18 +12,19 @@ from mulan.radiance.networks import LOG_DENSITY_MAX, LOG_DENSITY_OFFSET, VARIANC
 from mulan.radiance.space import SceneSpace
 
 
-def address(array: Tensor, shape: tuple[int, ...] | None = None) -> int:
+def address(array: Tensor, shape: tuple[int, ...] | None = None, dtype: torch.dtype = torch.float32) -> int:
     """Where an array lies; the caller keeps it alive.
 
     Raises:
-        ValueError: It is not contiguous, not in main memory, or of another shape; floats must be single.
+        ValueError: It is not contiguous, not in main memory, or of another shape or type. An array of
+            integers is checked for its type only together with a shape.
     """
     if not array.is_contiguous() or array.device.type != "cpu":
         raise ValueError("the native engine needs contiguous tensors in main memory")
     if shape is not None and tuple(array.shape) != shape:
         raise ValueError(f"expected an array of shape {shape}, not {tuple(array.shape)}")
-    if array.is_floating_point() and array.element_size() != 4:
-        raise ValueError(f"expected single-precision floats, not {array.dtype}")
+    if (shape is not None or array.is_floating_point()) and array.dtype != dtype:
+        raise ValueError(f"expected {dtype}, not {array.dtype}")
     return array.data_ptr()
 
 

@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 
 import mulan.radiance
+from mulan.radiance.kernels.library_file import check_not_cut_off
 from mulan.radiance.kernels.native_structures import (
     ABI_VERSION,
     NativeAdam,
@@ -15,7 +16,9 @@ from mulan.radiance.kernels.native_structures import (
     NativeObjective,
     NativeOccupancy,
     NativeParameters,
+    NativePixels,
     NativePoses,
+    NativeRayBatch,
     NativeRays,
     NativeRendering,
     NativeScene,
@@ -51,6 +54,7 @@ _SIGNATURES = {
     ],
     "mulan_occupancy_pack": [c_int32, c_int32, _AT, _AT, _AT, _AT],
     "mulan_pose_gradients": [c_int64, _AT, _AT, _AT, POINTER(NativePoses)],
+    "mulan_gather_rays": [POINTER(NativePixels), c_int64, _AT, POINTER(NativeRayBatch)],
     "mulan_encode": [_FIELD, _AT, c_int64, _AT, _AT],
     "mulan_encode_backward": [_FIELD, _AT, c_int64, _AT, _AT, _AT, _AT],
     "mulan_harmonics": [c_int32, c_int64, _AT, _AT],
@@ -78,12 +82,15 @@ class NativeLibrary:
         Raises:
             OSError: The file is missing, is no library, or is of another version.
         """
+        check_not_cut_off(path)
         self.path = path
         self.functions = ctypes.CDLL(str(path))
         f = self.functions
         if not hasattr(f, "mulan_abi_version") or f.mulan_abi_version() != ABI_VERSION:
             raise OSError(f"{path} is not version {ABI_VERSION} of libmulan_native")
         for name, arguments in _SIGNATURES.items():
+            if not hasattr(f, name):
+                raise OSError(f"{path} lacks {name}")
             function = getattr(f, name)
             function.argtypes, function.restype = arguments, c_int32
         f.mulan_instruction_set.argtypes, f.mulan_instruction_set.restype = [], c_char_p
@@ -111,7 +118,8 @@ def check(status: int) -> None:
     """
     if status == 1:
         raise ValueError(
-            "libmulan_native refused an argument: a size is out of bounds or an array is missing"
+            "libmulan_native refused an argument: a size is out of bounds, a number is not finite"
+            " or an array is missing"
         )
     if status == 2:
         raise MemoryError("libmulan_native could not allocate scratch memory")
@@ -119,16 +127,19 @@ def check(status: int) -> None:
 
 @cache
 def find_native_library() -> tuple[NativeLibrary | None, str]:
-    """The newest library beside the package or in its build folder; None, and why, where there is none."""
+    """The newest library beside the package or in its build folder that loads; or None, and why."""
     # an editable install has its compiled files in another folder of the same package
     folders = [Path(folder) / "native" for folder in mulan.radiance.__path__]
     candidates = [folder / FILE_NAME for native in folders for folder in (native, native / "build")]
     present = [path for path in candidates if path.exists()]
     if not present:
         return None, f"no {FILE_NAME} in " + " or ".join(str(path.parent) for path in candidates)
-    newest = max(present, key=lambda path: path.stat().st_mtime)
-    try:
-        library = NativeLibrary(newest)
-    except OSError as error:
-        return None, str(error)
-    return library, f"{newest} ({library.instruction_set})"
+    refused = []
+    for path in sorted(present, key=lambda path: path.stat().st_mtime, reverse=True):
+        try:
+            library = NativeLibrary(path)
+        except OSError as error:
+            refused.append(str(error))
+        else:
+            return library, f"{path} ({library.instruction_set})"
+    return None, "; ".join(refused)

@@ -28,7 +28,12 @@ def native_objective(
     backgrounds = None
     if config.random_background:
         own = torch.tensor(list(scene.background))
-        backgrounds, colours = random_background(colours, batch.opacity, own, generator, part)
+        # one background a pixel, whatever the number of its rays
+        each = batch.rays_a_pixel
+        opacity = None if batch.opacity is None else batch.opacity[::each]
+        pixels = part.of_pixels(each) if part else None
+        drawn = random_background(colours[::each], opacity, own, generator, pixels)
+        backgrounds, colours = (x.repeat_interleave(each, 0) for x in drawn)
     colours = colours.contiguous()
     rays = len(weights)
     objective = NativeObjective(
@@ -40,6 +45,7 @@ def native_objective(
         likelihood=config.loss.teaches_variance,
         distortion_weight=config.distortion_weight,
         entropy_weight=config.entropy_weight,
+        rays_a_pixel=batch.rays_a_pixel,
     )
     return objective, (colours, weights) if backgrounds is None else (colours, weights, backgrounds)
 

@@ -3,7 +3,7 @@
 import ctypes
 from ctypes import c_double, c_float, c_int32, c_int64, c_uint64, c_void_p
 
-ABI_VERSION = 4
+ABI_VERSION = 5
 MAX_LEVELS = 32
 
 
@@ -85,6 +85,7 @@ class NativeObjective(ctypes.Structure):
         ("likelihood", c_int32),
         ("distortion_weight", c_float),
         ("entropy_weight", c_float),
+        ("rays_a_pixel", c_int32),
     )
 
 
@@ -149,4 +150,34 @@ class NativeRendering(ctypes.Structure):
         ("depth_m", c_void_p),
         ("opacity", c_void_p),
         ("variance", c_void_p),
+    )
+
+
+class NativePixels(ctypes.Structure):
+    """MulanPixels: the pixels of all photographs."""
+
+    _fields_ = (
+        ("pixels", c_int64),
+        ("images", c_int64),
+        ("directions", c_int64),
+        ("colours", c_void_p),
+        ("opacity", c_void_p),
+        ("weights", c_void_p),
+        ("image", c_void_p),
+        ("camera_directions", c_void_p),
+        ("direction_shift", c_void_p),
+        ("T_world_camera", c_void_p),
+    )
+
+
+class NativeRayBatch(ctypes.Structure):
+    """MulanRayBatch: where drawn rays go."""
+
+    _fields_ = (
+        ("origins", c_void_p),
+        ("directions", c_void_p),
+        ("colours", c_void_p),
+        ("weights", c_void_p),
+        ("image_index", c_void_p),
+        ("opacity", c_void_p),
     )

@@ -6,7 +6,9 @@
 #pragma once
 #include <stdint.h>
 
-#if defined(__GNUC__)
+#if defined(_WIN32)
+#define MULAN_API __declspec(dllexport)
+#elif defined(__GNUC__)
 #define MULAN_API __attribute__((visibility("default")))
 #else
 #define MULAN_API
@@ -16,8 +18,10 @@
 extern "C" {
 #endif
 
-#define MULAN_ABI_VERSION 4
+#define MULAN_ABI_VERSION 5
 #define MULAN_MAX_LEVELS 32
+#define MULAN_MAX_THREADS 1024
+#define MULAN_MAX_RAYS_A_PIXEL 16
 #define MULAN_MAX_CASCADES 8
 
 enum MulanStatus { MULAN_OK = 0, MULAN_BAD_ARGUMENT = 1, MULAN_OUT_OF_MEMORY = 2 };
@@ -76,6 +80,8 @@ typedef struct {
     int32_t likelihood;            // 1: the colour's cost is that likelihood, and it reaches everything
     float distortion_weight;       // of the distortion along each ray (mip-NeRF 360, eq. 15)
     float entropy_weight;          // of the entropy of each ray's opacity
+    int32_t rays_a_pixel;          // so many neighbouring rays share one colour, weight and background, and are judged
+                                   // by their mean; 1 with a colour gradient, at most MULAN_MAX_RAYS_A_PIXEL
 } MulanObjective;
 
 // Where the gradient to the poses of the cameras goes.
@@ -119,6 +125,28 @@ typedef struct {
     float* variance;  // [r]
 } MulanRendering;
 
+// The pixels of all photographs one after another, ready to be turned into rays.
+typedef struct {
+    int64_t pixels, images, directions;
+    const uint8_t* colours;          // [pixels, 3]
+    const uint8_t* opacity;          // [pixels] or null
+    const float* weights;            // [pixels]
+    const int32_t* image;            // [pixels]
+    const float* camera_directions;  // [directions, 3] in the camera frame; need not be unit
+    const int64_t* direction_shift;  // [images]: pixel p of image i looks along row p + direction_shift[i]
+    const float* T_world_camera;     // [images, 4, 4]
+} MulanPixels;
+
+// Where drawn rays go.
+typedef struct {
+    float* origins;        // [r, 3]
+    float* directions;     // [r, 3], unit
+    float* colours;        // [r, 3] in [0, 1]
+    float* weights;        // [r]
+    int64_t* image_index;  // [r]
+    float* opacity;        // [r] or null
+} MulanRayBatch;
+
 typedef struct MulanWorkspace MulanWorkspace;
 
 MULAN_API int32_t mulan_abi_version(void);
@@ -127,9 +155,11 @@ MULAN_API const char* mulan_instruction_set(void);
 // Uses another of the library's builds, for tests; fails if the processor cannot run it.
 MULAN_API int32_t mulan_use_instruction_set(const char* name);
 
-MULAN_API MulanWorkspace* mulan_workspace_create(int32_t threads);  // 0: one a core
+// threads 0: one a core. Null without memory, or without so many threads.
+MULAN_API MulanWorkspace* mulan_workspace_create(int32_t threads);
 MULAN_API void mulan_workspace_destroy(MulanWorkspace*);
 MULAN_API int64_t mulan_workspace_bytes(const MulanWorkspace*);
+// 0 for a field that is not valid.
 MULAN_API int64_t mulan_network_parameters(const MulanField*);
 
 // One optimiser step; parameters and moments change in place. The gradients of its loss, as it was before the step,
@@ -158,13 +188,16 @@ MULAN_API int32_t mulan_density(MulanWorkspace*, const MulanField*, const MulanP
 MULAN_API int32_t mulan_occupancy_refresh(MulanWorkspace*, const MulanField*, const MulanScene*,
                                           const MulanParameters*, float decay, int32_t stride, int32_t occupied_stride,
                                           int32_t phase, uint64_t seed, const uint8_t* occupied, float* opacity);
-// Occupied cells [K, R^3] as bits, words [K, (R/4)^3], and their bounds in lower [3] and upper [3].
+// Occupied cells [K, R^3], 0 or 1 each, as bits, words [K, (R/4)^3], and their bounds in lower [3] and upper [3].
 MULAN_API int32_t mulan_occupancy_pack(int32_t resolution, int32_t cascades, const uint8_t* occupied, uint64_t* words,
                                        float* lower, float* upper);
 
 // From gradients to rays to those of the poses they start from, summed in the order of the rays.
 MULAN_API int32_t mulan_pose_gradients(int64_t rays, const float* directions, const float* origin_gradient,
                                        const float* direction_gradient, const MulanPoses*);
+
+// The rays of r pixels. A pixel out of range is refused before anything is written.
+MULAN_API int32_t mulan_gather_rays(const MulanPixels*, int64_t rays, const int64_t* pixel, const MulanRayBatch*);
 
 // The operations one by one, as tests compare them with the reference.
 MULAN_API int32_t mulan_encode(const MulanField*, const float* table, int64_t n, const float* unit_points,

@@ -18,8 +18,10 @@ extern const Kernels table;
 }
 
 static bool runs_v3() {
-    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi2") &&
-           __builtin_cpu_supports("f16c");
+#if !defined(__clang__)  // clang 14 cannot ask; no processor has AVX2 and FMA without it
+    if (!__builtin_cpu_supports("f16c")) return false;
+#endif
+    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi2");
 }
 static bool runs_v4() {
     return runs_v3() && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
@@ -38,7 +40,7 @@ namespace generic {
 extern const Kernels table;
 }
 static const Kernels* find(const char* name) {
-    return !name || !std::strcmp(name, "generic") ? &generic::table : nullptr;
+    return !name || !std::strcmp(name, generic::table.instruction_set) ? &generic::table : nullptr;
 }
 #endif
 
@@ -54,7 +56,7 @@ const Kernels& kernels() {
 }
 
 bool choose_kernels(const char* instruction_set) {
-    const Kernels* k = find(instruction_set);
+    const Kernels* k = instruction_set ? find(instruction_set) : nullptr;
     if (k) chosen.store(k, std::memory_order_release);
     return k != nullptr;
 }

@@ -36,6 +36,7 @@ struct Points {
 struct Corners {
     alignas(64) uint32_t index[8][lanes];
     alignas(64) float weight[8][lanes];
+    alignas(64) float yz[4][lanes], x[lanes];  // their factors: weight = yz times x or 1 - x
     vfloat fraction[3];
 };
 
@@ -67,41 +68,57 @@ inline void find_corners(const LevelGrid& g, const Points& p, int64_t first, Cor
         corner_indices<false>(g, cell, c);
     const vfloat fx = c.fraction[0], fy = c.fraction[1], fz = c.fraction[2];
     const vfloat yz[4] = {(1 - fy) * (1 - fz), fy * (1 - fz), (1 - fy) * fz, fy * fz};
+    store(c.x, fx);
     for (int k = 0; k < 4; ++k) {
+        store(c.yz[k], yz[k]);
         store(c.weight[2 * k], yz[k] * (1 - fx));
         store(c.weight[2 * k + 1], yz[k] * fx);
     }
 }
 
-// Rows of features, level after level. Reads points in groups of `lanes`: arrays need row_padding spare numbers.
-inline void encode(const MulanField& field, const float* table, Points p, int n, float* rows, int stride) {
-    Corners c;
-    for (int level = 0; level < field.levels; ++level) {
-        const float scale = field.level_weight[level];
-        float* out = rows + 2 * level;
-        if (scale == 0.0f) {
-            for (int i = 0; i < n; ++i) out[(int64_t)i * stride] = out[(int64_t)i * stride + 1] = 0.0f;
-            continue;
+// Features of the first `count` points of a group. Corners that differ in x only are summed side by side; on a dense
+// level they are neighbours in memory, one load.
+template <bool dense>
+inline void blend_corners(const LevelGrid& g, const Corners& c, int count, float scale, float* rows, int stride) {
+    for (int i = 0; i < count; ++i) {
+        vquad total{};
+#pragma GCC unroll 4
+        for (int k = 0; k < 8; k += 2) {
+            const float* low = g.entries + 2 * (int64_t)c.index[k][i];
+            const vquad both = dense ? load_quad(low)
+                                     : join(load_pair(low), load_pair(g.entries + 2 * (int64_t)c.index[k + 1][i]));
+            total += both * (c.yz[k / 2][i] - vquad{});
         }
-        const LevelGrid g = level_grid(field, table, level);
-        for (int first = 0; first < n; first += lanes) {
-            find_corners(g, p, first, c);
-            const int count = smaller(lanes, n - first);
-            for (int i = 0; i < count; ++i) {
-                float a = 0, b = 0;
-#pragma GCC unroll 8
-                for (int corner = 0; corner < 8; ++corner) {
-                    const float* entry = g.entries + 2 * (int64_t)c.index[corner][i];
-                    const float weight = c.weight[corner][i];
-                    a += weight * entry[0];
-                    b += weight * entry[1];
-                }
-                float* row = out + (int64_t)(first + i) * stride;
-                row[0] = scale * a;
-                row[1] = scale * b;
-            }
-        }
+        const vpair at_low = __builtin_shufflevector(total, total, 0, 1);
+        const vpair at_high = __builtin_shufflevector(total, total, 2, 3);
+        store(rows + (int64_t)i * stride, (at_low + c.x[i] * (at_high - at_low)) * scale);
     }
+}
+
+// One level's features of n points. Reads points in groups of `lanes`: arrays need row_padding spare numbers.
+inline void encode_level(const MulanField& field, const float* table, int level, Points p, int n, float* rows,
+                         int stride) {
+    const float scale = field.level_weight[level];
+    float* out = rows + 2 * level;
+    if (scale == 0.0f) {
+        for (int i = 0; i < n; ++i) out[(int64_t)i * stride] = out[(int64_t)i * stride + 1] = 0.0f;
+        return;
+    }
+    const LevelGrid g = level_grid(field, table, level);
+    Corners c;
+    for (int first = 0; first < n; first += lanes) {
+        find_corners(g, p, first, c);
+        const int count = smaller(lanes, n - first);
+        if (g.dense)
+            blend_corners<true>(g, c, count, scale, out + (int64_t)first * stride, stride);
+        else
+            blend_corners<false>(g, c, count, scale, out + (int64_t)first * stride, stride);
+    }
+}
+
+// Rows of features, level after level.
+inline void encode(const MulanField& field, const float* table, Points p, int n, float* rows, int stride) {
+    for (int level = 0; level < field.levels; ++level) encode_level(field, table, level, p, n, rows, stride);
 }
 
 // Adds one level's gradient to its table gradient. gradient[i * stride] and the next are those of point i's features.
@@ -114,12 +131,11 @@ inline void scatter_level(const MulanField& field, int level, Points p, const fl
         find_corners(g, p, first, c);
         const int count = (int)smaller<int64_t>(lanes, n - first);
         for (int i = 0; i < count; ++i) {
-            const float a = scale * gradient[(first + i) * stride], b = scale * gradient[(first + i) * stride + 1];
+            const vpair upstream = scale * load_pair(gradient + (first + i) * stride);
 #pragma GCC unroll 8
             for (int corner = 0; corner < 8; ++corner) {
                 float* entry = level_gradient + 2 * (int64_t)c.index[corner][i];
-                entry[0] += c.weight[corner][i] * a;
-                entry[1] += c.weight[corner][i] * b;
+                store(entry, load_pair(entry) + c.weight[corner][i] * upstream);
             }
         }
     }

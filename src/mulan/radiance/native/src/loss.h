@@ -1,4 +1,4 @@
-// What a ray's error costs, and the gradient of that to what the ray sees (mulan.radiance.loss).
+// What a pixel's error costs, and the gradient of that to what it sees (mulan.radiance.loss).
 #pragma once
 #include "../include/mulan_native.h"
 #include "simd.h"
@@ -9,11 +9,9 @@ constexpr float rendered_variance_floor = 1e-4f;
 constexpr float entropy_rim = 1e-3f;  // opacities nearer to 0 or 1 count as decided
 
 struct RayLoss {
-    double loss = 0;           // weighted by the ray's share
+    double loss = 0;           // weighted by the share
     double squared_error = 0;  // mean over channels, unweighted
-    float share = 0;           // the ray's weight over the sum of weights
     float colour_gradient[3] = {};
-    float opacity_gradient = 0;   // beside what the colour says
     float variance_gradient = 0;  // to the rendered variance
 };
 
@@ -32,18 +30,20 @@ inline void judge_error(float delta, float share, const float error[3], RayLoss&
     r.loss = share * cost;
 }
 
-// Entropy of hitting something, flat at its ends.
-inline void judge_opacity(float weight, float opacity, RayLoss& r) {
-    const float o = smaller(larger(opacity, entropy_rim), 1 - entropy_rim);
+// Entropy of a ray's hitting something, flat at its ends; share: the ray's weight over the sum of weights.
+inline double opacity_loss(const MulanObjective& objective, float share, float opacity, float& gradient) {
+    gradient = 0;
+    if (!(objective.entropy_weight > 0)) return 0;
+    const float o = smaller(larger(opacity, entropy_rim), 1 - entropy_rim), weight = share * objective.entropy_weight;
     const float hit = natural_logarithm(o), miss = natural_logarithm(1 - o);
-    r.loss -= r.share * weight * (o * hit + (1 - o) * miss);
-    if (o == opacity) r.opacity_gradient = r.share * weight * (miss - hit);
+    if (o == opacity) gradient = weight * (miss - hit);
+    return -weight * (o * hit + (1 - o) * miss);
 }
 
-inline RayLoss ray_loss(const MulanObjective& o, const float* target, float share, const float colour[3],
-                        float opacity, float variance) {
+// share: the weights of the pixel's rays over the sum of weights.
+inline RayLoss pixel_loss(const MulanObjective& o, const float* target, float share, const float colour[3],
+                          float variance) {
     RayLoss r;
-    r.share = share;
     float error[3];
     for (int c = 0; c < 3; ++c) {
         error[c] = colour[c] - target[c];
@@ -60,7 +60,6 @@ inline RayLoss ray_loss(const MulanObjective& o, const float* target, float shar
         judge_error(o.huber_delta, share, error, r);
         r.variance_gradient = o.variance_weight * to_variance;  // the error counts as given
     }
-    if (o.entropy_weight > 0) judge_opacity(o.entropy_weight, opacity, r);
     return r;
 }
 

@@ -19,14 +19,17 @@ int32_t mulan_occupancy_pack(int32_t side, int32_t cascades, const uint8_t* occu
         uint64_t* own = words + k * blocks * blocks * blocks;
         for (int z = 0; z < side; ++z)
             for (int y = 0; y < side; ++y)
-                for (int x = 0; x < side; ++x) {
-                    if (!occupied[k * cells + x + (int64_t)side * (y + (int64_t)side * z)]) continue;
-                    const int bit = (x & 3) + 4 * (y & 3) + 16 * (z & 3);
-                    own[(x >> 2) + blocks * ((y >> 2) + blocks * (z >> 2))] |= 1ull << bit;
-                    const int cell[3] = {x, y, z};
+                for (int x = 0; x < side; x += 4) {
+                    uint32_t four;
+                    __builtin_memcpy(&four, occupied + k * cells + x + (int64_t)side * (y + (int64_t)side * z), 4);
+                    if (four == 0) continue;
+                    const uint64_t bits = ((four & 0x01010101u) * 0x10204080u) >> 28;  // one bit a byte, gathered
+                    own[(x >> 2) + blocks * ((y >> 2) + blocks * (z >> 2))] |= bits << (4 * (y & 3) + 16 * (z & 3));
+                    const int first[3] = {x + __builtin_ctzll(bits), y, z};
+                    const int end[3] = {x + 64 - __builtin_clzll(bits), y + 1, z + 1};
                     for (int a = 0; a < 3; ++a) {
-                        if (cell[a] < low[a]) low[a] = cell[a];
-                        if (cell[a] + 1 > high[a]) high[a] = cell[a] + 1;
+                        if (first[a] < low[a]) low[a] = first[a];
+                        if (end[a] > high[a]) high[a] = end[a];
                     }
                 }
         const float span = std::ldexp(1.0f, k + 1 - cascades);
@@ -43,6 +46,7 @@ int32_t mulan_occupancy_pack(int32_t side, int32_t cascades, const uint8_t* occu
 int32_t mulan_pose_gradients(int64_t rays, const float* directions, const float* origin_gradient,
                              const float* direction_gradient, const MulanPoses* poses) {
     if (!mulan::valid(poses, rays)) return MULAN_BAD_ARGUMENT;
+    if (rays > 0 && (!directions || !origin_gradient || !direction_gradient)) return MULAN_BAD_ARGUMENT;
     const int64_t images = poses->images, *image_index = poses->image_index;
     float* gradient = poses->gradient;
     for (int64_t i = 0; i < 6 * images; ++i) gradient[i] = 0;
@@ -61,6 +65,41 @@ int32_t mulan_pose_gradients(int64_t rays, const float* directions, const float*
             const float world[3] = {v[0], v[1], v[2]};
             for (int a = 0; a < 3; ++a) v[a] = R[a] * world[0] + R[3 + a] * world[1] + R[6 + a] * world[2];
         }
+    }
+    return MULAN_OK;
+}
+
+int32_t mulan_gather_rays(const MulanPixels* p, int64_t rays, const int64_t* pixel, const MulanRayBatch* out) {
+    if (!p || !out || rays < 0 || (p->opacity && !out->opacity) || (rays > 0 && (!pixel || p->pixels < 1))) return MULAN_BAD_ARGUMENT;
+    for (int64_t r = 0; r < rays; ++r)
+        if (pixel[r] < 0 || pixel[r] >= p->pixels) return MULAN_BAD_ARGUMENT;
+    constexpr int64_t ahead = 8;  // pixels are drawn at random: each would wait for memory several times
+    for (int64_t r = 0; r < rays; ++r) {
+        if (r + ahead < rays) {
+            const int64_t next = pixel[r + ahead];
+            __builtin_prefetch(p->image + next);
+            __builtin_prefetch(p->colours + 3 * next);
+            __builtin_prefetch(p->weights + next);
+        }
+        const int64_t at = pixel[r], image = p->image[at];
+        if (image < 0 || image >= p->images) return MULAN_BAD_ARGUMENT;
+        const int64_t row = at + p->direction_shift[image];
+        if (row < 0 || row >= p->directions) return MULAN_BAD_ARGUMENT;
+        const float *T = p->T_world_camera + 16 * image, *d = p->camera_directions + 3 * row;
+        float world[3], square = 0;
+        for (int a = 0; a < 3; ++a) {
+            world[a] = T[4 * a] * d[0] + T[4 * a + 1] * d[1] + T[4 * a + 2] * d[2];
+            square += world[a] * world[a];
+        }
+        const float length = std::sqrt(square);
+        for (int a = 0; a < 3; ++a) {
+            out->origins[3 * r + a] = T[4 * a + 3];
+            out->directions[3 * r + a] = world[a] / (length > 1e-12f ? length : 1e-12f);
+            out->colours[3 * r + a] = (float)p->colours[3 * at + a] / 255.0f;
+        }
+        if (p->opacity) out->opacity[r] = (float)p->opacity[at] / 255.0f;
+        out->weights[r] = p->weights[at];
+        out->image_index[r] = image;
     }
     return MULAN_OK;
 }

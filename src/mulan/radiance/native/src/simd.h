@@ -24,6 +24,10 @@ typedef float vfloat __attribute__((vector_size(lanes * 4)));
 typedef int32_t vint __attribute__((vector_size(lanes * 4)));
 typedef uint32_t vuint __attribute__((vector_size(lanes * 4)));
 
+// The two features of one table entry, and of two.
+typedef float vpair __attribute__((vector_size(8)));
+typedef float vquad __attribute__((vector_size(16)));
+
 constexpr int padded(int n) { return (n + lanes - 1) / lanes * lanes; }
 
 template <class T> inline T smaller(T a, T b) { return b < a ? b : a; }
@@ -38,6 +42,19 @@ inline void store(float* p, vfloat v) { __builtin_memcpy(p, &v, sizeof v); }
 inline void store(uint32_t* p, vuint v) { __builtin_memcpy(p, &v, sizeof v); }
 inline vfloat splat(float x) { return x - vfloat{}; }
 inline vuint splat(uint32_t x) { return x - vuint{}; }
+
+inline vpair load_pair(const float* p) {
+    vpair v;
+    __builtin_memcpy(&v, p, sizeof v);
+    return v;
+}
+inline void store(float* p, vpair v) { __builtin_memcpy(p, &v, sizeof v); }
+inline vquad load_quad(const float* p) {
+    vquad v;
+    __builtin_memcpy(&v, p, sizeof v);
+    return v;
+}
+inline vquad join(vpair a, vpair b) { return __builtin_shufflevector(a, b, 0, 1, 2, 3); }
 
 // A NaN gives the lower bound: comparisons with NaN are false.
 inline vfloat clamp(vfloat x, float low, float high) {

@@ -1,4 +1,5 @@
-// The training step: everything about a tile of rays while it is in the cache, then the table level by level.
+// The training step: samples are encoded level by level, then everything about a tile of rays is done while it is in
+// the cache, then the table learns level by level.
 //
 // The result does not depend on the number of threads: tiles are cut by the rays alone, every sum is taken in a fixed
 // order (within a tile, over groups of tiles, over the tiles of a level), and no two threads add to one number.
@@ -12,6 +13,7 @@ namespace {
 
 constexpr int rays_at_once = 64;         // marched by one thread before it looks for more
 constexpr int gradient_groups = 32;      // networks' gradients summed apart, then together
+constexpr int encoded_at_once = 2048;    // samples of some tiles, level after level
 constexpr int64_t wave_samples = 1 << 20;  // bounds memory: rays beyond it wait for the next wave
 
 struct TileRange {
@@ -46,10 +48,18 @@ struct Learn {
     TileRange* ranges = nullptr;
     int tile_count = 0;
     float* padded_gradients = nullptr;  // [groups, length]
-    float *sx = nullptr, *sy = nullptr, *sz = nullptr, *scatter = nullptr;  // kept samples; [levels, samples, 2]
+    // marched samples, tile after tile; a tile closes its gaps in place
+    float *sx = nullptr, *sy = nullptr, *sz = nullptr, *st = nullptr, *sstep = nullptr;
+    int32_t* sray = nullptr;
+    float* encoded = nullptr;  // [samples, encoded]
+    float* scatter = nullptr;  // [levels, samples, 2]
     int64_t scatter_capacity = 0;
 
-    bool ignored(int64_t ray) const { return !objective.colour_gradient && !(objective.weights[ray] > 0); }
+    // The first of a pixel's rays speaks for all.
+    int64_t first_of_pixel(int64_t ray) const { return ray - ray % objective.rays_a_pixel; }
+    bool ignored(int64_t ray) const {
+        return !objective.colour_gradient && !(objective.weights[first_of_pixel(ray)] > 0);
+    }
 
     void find_samples(int64_t first, int count) {
         const int steps = scene.steps;
@@ -65,25 +75,35 @@ struct Learn {
         });
     }
 
-    // Consecutive rays with samples, until a tile is full.
+    int samples_of_pixel(int first) const {
+        int samples = 0;
+        for (int i = first; i < first + objective.rays_a_pixel; ++i) samples += counts[i];
+        return samples;
+    }
+
+    // Consecutive rays with samples, until a tile is full; a pixel's rays stay together.
     void cut_tiles(int count) {
         int listed_count = 0;
         int64_t at = 0, in_tile = 0;
         tile_count = 0;
-        for (int i = 0; i < count; ++i) {
-            if (counts[i] == 0) continue;
-            if (tile_count == 0 || in_tile + counts[i] > tile_samples) {
+        for (int pixel = 0; pixel < count; pixel += objective.rays_a_pixel) {
+            const int samples = samples_of_pixel(pixel);
+            if (samples == 0) continue;
+            if (tile_count == 0 || in_tile + samples > tile_samples) {
                 at += (in_tile + row_padding - 1) / row_padding * row_padding;
                 ranges[tile_count++] = TileRange{listed_count, 0, at, 0, 0, 0, 0};
                 in_tile = 0;
             }
-            in_tile += counts[i];
+            in_tile += samples;
             TileRange& range = ranges[tile_count - 1];
-            range.rays++;
             range.marched = in_tile;
-            listed[listed_count++] = i;
+            for (int i = pixel; i < pixel + objective.rays_a_pixel; ++i) {
+                if (counts[i] == 0) continue;
+                range.rays++;
+                listed[listed_count++] = i;
+            }
         }
-        scatter_capacity = at + in_tile + row_padding;
+        scatter_capacity = (at + in_tile) / row_padding * row_padding + 2 * row_padding;
     }
 
     void finish_ray(int64_t ray, float opacity, float moment, const float colour[3], float variance) const {
@@ -98,38 +118,85 @@ struct Learn {
         return objective.backgrounds ? objective.backgrounds + 3 * ray : scene.background;
     }
 
-    RayLoss judge(int64_t ray, const float colour[3], float opacity, float variance) const {
+    // share: of the whole loss.
+    RayLoss judge(int64_t ray, float share, const float colour[3], float variance) const {
         if (!objective.colour_gradient)
-            return ray_loss(objective, objective.colours + 3 * ray, objective.weights[ray] * inverse_weight, colour,
-                            opacity, variance);
+            return pixel_loss(objective, objective.colours + 3 * ray, share, colour, variance);
         RayLoss given;
         for (int c = 0; c < 3; ++c) given.colour_gradient[c] = objective.colour_gradient[3 * ray + c];
         return given;
     }
 
-    void process(TileRange& range, int64_t wave_first, Tile& tile, float* padded) {
+    float share_of_ray(int64_t ray) const {
+        return objective.colour_gradient ? 0 : objective.weights[first_of_pixel(ray)] * inverse_weight;
+    }
+
+    // The tile's scratch memory, with the samples of a range in place of its own.
+    Tile tile_of(const TileRange& range, int thread) const {
+        Tile tile = tiles.of(thread);
+        const int64_t at = range.scatter_at;
+        tile.x = sx + at;
+        tile.y = sy + at;
+        tile.z = sz + at;
+        tile.t = st + at;
+        tile.step = sstep + at;
+        tile.ray = sray + at;
+        tile.encoded = encoded + at * networks.encoded;
+        return tile;
+    }
+
+    void place(const TileRange& range, int64_t wave_first, int thread) const {
         const Evaluation e{field, scene, table, networks};
+        Tile tile = tile_of(range, thread);
         int marched = 0;
         for (int slot = 0; slot < range.rays; ++slot) {
             const int local = listed[range.first_ray + slot];
             const int64_t ray = wave_first + local;
-            tile.ray_id[slot] = ray;
-            tile.first[slot] = marched;
-            tile.count[slot] = counts[local];
-            tile.transmittance[slot] = 1;
             __builtin_memcpy(tile.t + marched, t + (int64_t)local * scene.steps, sizeof(float) * (size_t)counts[local]);
             place_samples(e, march, tile, slot, marched, counts[local], rays.origins + 3 * ray,
                           rays.directions + 3 * ray);
-            evaluate_direction(e, tile, slot, rays.directions + 3 * ray);
             marched += counts[local];
         }
-        evaluate_density(e, tile, marched);
+    }
+
+    // Encodes the samples of many tiles level after level: a level's entries stay in the cache meanwhile.
+    void encode_wave(int64_t wave_first) {
+        const int64_t parts = (scatter_capacity + encoded_at_once - 1) / encoded_at_once;
+        parallel_for(w, parts, [&](int64_t part, int thread) {
+            int begin = 0;
+            while (begin < tile_count && ranges[begin].scatter_at < part * encoded_at_once) ++begin;
+            int end = begin;
+            for (; end < tile_count && ranges[end].scatter_at < (part + 1) * encoded_at_once; ++end)
+                place(ranges[end], wave_first, thread);
+            if (begin == end) return;
+            const int64_t at = ranges[begin].scatter_at;
+            const int n = (int)(ranges[end - 1].scatter_at + ranges[end - 1].marched - at);
+            for (int level = 0; level < field.levels; ++level)
+                encode_level(field, table, level, {sx + at, sy + at, sz + at}, n, encoded + at * networks.encoded,
+                             networks.encoded);
+        });
+    }
+
+    void process(TileRange& range, int64_t wave_first, int thread, float* padded) {
+        const Evaluation e{field, scene, table, networks};
+        Tile tile = tile_of(range, thread);
+        int marched = 0;
+        for (int slot = 0; slot < range.rays; ++slot) {
+            const int local = listed[range.first_ray + slot];
+            tile.ray_id[slot] = wave_first + local;
+            tile.first[slot] = marched;
+            tile.count[slot] = counts[local];
+            tile.transmittance[slot] = 1;
+            evaluate_direction(e, tile, slot, rays.directions + 3 * tile.ray_id[slot]);
+            marched += counts[local];
+        }
+        evaluate_encoded(e, tile, marched);
         const int n = drop_unreached(e, tile, range.rays);
         evaluate_directions(e, tile, range.rays);
         evaluate_colour(e, tile, n);
         const bool head = rendering || objective.likelihood || (parameters_wanted && objective.variance_weight > 0);
         if (head) evaluate_variance(e, tile, n);
-        for (int slot = 0; slot < range.rays; ++slot) composite_and_judge(range, tile, slot, head);
+        for (int slot = 0; slot < range.rays;) slot = learn_pixel(range, tile, slot, head);
         backpropagate(e, tile, n, range.rays, objective.likelihood, padded);
         range.kept = n;
         if (padded) {
@@ -139,8 +206,28 @@ struct Learn {
         if (origin_gradient) ray_gradients(e, range, tile, n);
     }
 
-    // Colour of one ray of the tile, its loss, and the gradient of that to its samples.
-    void composite_and_judge(TileRange& range, Tile& tile, int slot, bool head) {
+    // The mean colour of a pixel's rays (of those without samples the background), its loss, and the gradient of that
+    // to their samples; returns the slot of the next pixel.
+    int learn_pixel(TileRange& range, Tile& tile, int slot, bool head) {
+        const int64_t first = first_of_pixel(tile.ray_id[slot]);
+        const float rays_a_pixel = (float)objective.rays_a_pixel;
+        float colour[3] = {}, variance = 0;
+        int end = slot;
+        for (; end < range.rays && tile.ray_id[end] < first + objective.rays_a_pixel; ++end)
+            composite_ray(tile, end, head, colour, variance);
+        const float empty = rays_a_pixel - (float)(end - slot), *behind = background(first);
+        for (int c = 0; c < 3; ++c) colour[c] = (colour[c] + empty * behind[c]) / rays_a_pixel;
+        RayLoss r = judge(first, rays_a_pixel * share_of_ray(first), colour, variance / rays_a_pixel);
+        range.loss += r.loss;
+        range.squared_error += rays_a_pixel * r.squared_error;
+        for (int c = 0; c < 3; ++c) r.colour_gradient[c] /= rays_a_pixel;
+        r.variance_gradient /= rays_a_pixel;
+        for (int k = slot; k < end; ++k) ray_backward(range, tile, k, r);
+        return end;
+    }
+
+    // Adds one ray's colour and variance to its pixel's.
+    void composite_ray(const Tile& tile, int slot, bool head, float pixel_colour[3], float& pixel_variance) const {
         const int first = tile.first[slot], kept = tile.kept[slot];
         float colour[3] = {}, opacity = 0, moment = 0, variance = 0;
         for (int k = first; k < first + kept; ++k) {
@@ -153,23 +240,35 @@ struct Learn {
         const float* behind = background(tile.ray_id[slot]);
         for (int c = 0; c < 3; ++c) colour[c] += (1 - opacity) * behind[c];
         finish_ray(tile.ray_id[slot], opacity, moment, colour, variance);
-        const RayLoss r = judge(tile.ray_id[slot], colour, opacity, variance);
-        range.loss += r.loss;
-        range.squared_error += r.squared_error;
+        for (int c = 0; c < 3; ++c) pixel_colour[c] += colour[c];
+        pixel_variance += variance;
+    }
+
+    // From the gradient to a ray's colour and variance to its samples, with what its samples cost by themselves.
+    void ray_backward(TileRange& range, Tile& tile, int slot, const RayLoss& r) const {
+        const int first = tile.first[slot], kept = tile.kept[slot];
+        const float share = share_of_ray(tile.ray_id[slot]);
+        const float* behind = background(tile.ray_id[slot]);
+        float opacity_gradient = 0;
+        if (objective.entropy_weight > 0) {
+            float opacity = 0;
+            for (int k = 0; k < kept; ++k) opacity += tile.blend[first + k];
+            range.loss += opacity_loss(objective, share, opacity, opacity_gradient);
+        }
         float* to_blend = tile.d_depth + first;
         for (int k = 0; k < kept; ++k) {
             const float* sample = tile.colour + 3 * (first + k);
-            to_blend[k] = r.opacity_gradient;
+            to_blend[k] = opacity_gradient;
             for (int c = 0; c < 3; ++c) to_blend[k] += r.colour_gradient[c] * (sample[c] - behind[c]);
         }
         if (objective.likelihood)
             for (int k = 0; k < kept; ++k)
                 to_blend[k] += 2 * r.variance_gradient * tile.blend[first + k] * tile.variance[first + k];
-        if (objective.distortion_weight > 0 && r.share > 0) {
+        if (objective.distortion_weight > 0 && share > 0) {
             float* place = tile.place + first;
             for (int k = 0; k < kept; ++k) place[k] = march.fraction(tile.t[first + k]);
             range.loss += distort(kept, tile.blend + first, place, 1 / (float)scene.steps,
-                                  r.share * objective.distortion_weight, to_blend);
+                                  share * objective.distortion_weight, to_blend);
         }
         blend_ray_backward(kept, tile.blend + first, tile.reach_after + first, to_blend);
         for (int k = first; k < first + kept; ++k) {
@@ -183,10 +282,6 @@ struct Learn {
 
     // The table's gradient waits, sorted by level, until all tiles are done.
     void keep_for_scatter(const TileRange& range, const Tile& tile, int n) {
-        const size_t bytes = sizeof(float) * (size_t)n;
-        __builtin_memcpy(sx + range.scatter_at, tile.x, bytes);
-        __builtin_memcpy(sy + range.scatter_at, tile.y, bytes);
-        __builtin_memcpy(sz + range.scatter_at, tile.z, bytes);
         for (int level = 0; level < field.levels; ++level) {
             float* out = scatter + 2 * (level * scatter_capacity + range.scatter_at);
             const float* in = tile.d_encoded + 2 * level;
@@ -232,21 +327,26 @@ struct Learn {
             forget_unreached({{field, scene, table, networks}, march, rays, w, tiles, first, t, counts}, count);
         cut_tiles(count);
         const int groups = smaller(gradient_groups, tile_count);
+        float** const columns[] = {&sx, &sy, &sz, &st, &sstep};
+        float* samples = (float*)w.samples.reserve((size_t)(6 * scatter_capacity) * 4);
+        for (float** column : columns) {
+            *column = samples;
+            samples += scatter_capacity;
+        }
+        sray = (int32_t*)samples;
+        encoded = (float*)w.encoded.reserve((size_t)(scatter_capacity * networks.encoded) * 4);
+        encode_wave(first);
         if (parameters_wanted) {
-            const int64_t points = 4 * scatter_capacity, gradients = 2 * scatter_capacity * field.levels;
-            sx = (float*)w.scatter_points.reserve((size_t)points * 4);
-            sy = sx + scatter_capacity;
-            sz = sy + scatter_capacity;
+            const int64_t gradients = 2 * scatter_capacity * field.levels;
             scatter = (float*)w.scatter_gradients.reserve((size_t)gradients * 4);
             padded_gradients =
                 (float*)w.group_gradients.reserve((size_t)(gradient_groups * networks.gradient_length) * 4);
         }
         parallel_for(w, groups, [&](int64_t group, int thread) {
-            Tile tile = tiles.of(thread);
             float* padded = parameters_wanted ? padded_gradients + group * networks.gradient_length : nullptr;
             if (padded) __builtin_memset(padded, 0, (size_t)networks.gradient_length * 4);
             const int begin = (int)(tile_count * group / groups), end = (int)(tile_count * (group + 1) / groups);
-            for (int i = begin; i < end; ++i) process(ranges[i], first, tile, padded);
+            for (int i = begin; i < end; ++i) process(ranges[i], first, thread, padded);
         });
         for (int i = 0; i < tile_count; ++i) {
             report.loss += ranges[i].loss;
@@ -254,7 +354,11 @@ struct Learn {
             report.samples += ranges[i].marched;
             report.kept += ranges[i].kept;
         }
-        for (int i = 0; i < count; ++i) see_background(first + i, counts[i], report);
+        for (int pixel = 0; pixel < count; pixel += objective.rays_a_pixel) {
+            const bool judged = samples_of_pixel(pixel) > 0;
+            for (int i = pixel; i < pixel + objective.rays_a_pixel; ++i)
+                see_background(first + i, counts[i], judged, report);
+        }
         if (!parameters_wanted) return;
         for (int group = 1; group < groups; ++group)
             for (int64_t k = 0; k < networks.gradient_length; ++k)
@@ -262,8 +366,8 @@ struct Learn {
         if (groups > 0) unpack_gradient(networks, padded_gradients, network_gradient);
     }
 
-    // Rays without samples see the background; nothing there can learn.
-    void see_background(int64_t ray, int samples, MulanStepReport& report) const {
+    // Rays without samples see the background; nothing there can learn. judged: their pixel's loss is already known.
+    void see_background(int64_t ray, int samples, bool judged, MulanStepReport& report) const {
         if (samples > 0) {
             report.rays++;
             return;
@@ -273,7 +377,10 @@ struct Learn {
             for (int a = 0; a < 3; ++a) origin_gradient[3 * ray + a] = direction_gradient[3 * ray + a] = 0;
         if (ignored(ray)) return;
         report.rays++;
-        const RayLoss r = judge(ray, background(ray), 0, 0);
+        float flat;
+        report.loss += opacity_loss(objective, share_of_ray(ray), 0, flat);
+        if (judged) return;
+        const RayLoss r = judge(first_of_pixel(ray), share_of_ray(ray), background(ray), 0);
         report.loss += r.loss;
         report.squared_error += r.squared_error;
     }
@@ -311,12 +418,14 @@ int32_t learn(MulanWorkspace* w, const MulanField* field, const MulanScene* scen
     double weight = 0;
     if (!objective->colour_gradient)
         for (int64_t i = 0; i < rays->count; ++i)
-            if (objective->weights[i] > 0) weight += objective->weights[i];
+            if (objective->weights[i - i % objective->rays_a_pixel] > 0)
+                weight += objective->weights[i - i % objective->rays_a_pixel];
     Learn job{*w, *field, *scene, *occupancy, *rays, *objective, rendering, origin_gradient, direction_gradient,
               network_gradient != nullptr, March(*scene, *occupancy, prepare_march_table(*w, *scene)), packed,
               Tiles{}, (float)(1 / (weight > 1e-12 ? weight : 1e-12)), table};
-    job.tiles = prepare_tiles(*w, job.networks, larger(tile_samples, scene->steps));
-    const int64_t wave = larger<int64_t>(wave_samples / scene->steps, 1);
+    job.tiles = prepare_tiles(*w, job.networks, larger(tile_samples, scene->steps * objective->rays_a_pixel));
+    const int64_t pixels = wave_samples / scene->steps / objective->rays_a_pixel;
+    const int64_t wave = larger<int64_t>(pixels, 1) * objective->rays_a_pixel;
     const int64_t most = smaller(wave, rays->count);
     job.t = (float*)w->ray_samples.reserve((size_t)(most * scene->steps) * 4 + 64);
     job.counts = (int32_t*)w->ray_lists.reserve((size_t)most * 8 + 64);

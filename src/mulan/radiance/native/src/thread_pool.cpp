@@ -46,10 +46,17 @@ struct ThreadPool::State {
 };
 
 ThreadPool::ThreadPool(int threads) : state_(new State) {
-    for (int i = 1; i < threads; ++i) state_->workers.emplace_back([this, i] { state_->serve(*this, i); });
+    try {
+        for (int i = 1; i < threads; ++i) state_->workers.emplace_back([this, i] { state_->serve(*this, i); });
+    } catch (...) {
+        finish();  // the system gives no more threads: leave none behind
+        throw;
+    }
 }
 
-ThreadPool::~ThreadPool() {
+ThreadPool::~ThreadPool() { finish(); }
+
+void ThreadPool::finish() {
     {
         std::lock_guard<std::mutex> lock(state_->mutex);
         state_->stop = true;

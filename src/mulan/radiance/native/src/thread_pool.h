@@ -23,6 +23,7 @@ class ThreadPool {
 
   private:
     struct State;
+    void finish();
     State* state_;
 };
 

@@ -72,10 +72,9 @@ inline void place_samples(const Evaluation& e, const March& march, Tile& t, int 
     }
 }
 
-// Encoding and density network: optical depths, opacities.
-inline void evaluate_density(const Evaluation& e, Tile& t, int n) {
+// Density network on encoded samples: optical depths, opacities.
+inline void evaluate_encoded(const Evaluation& e, Tile& t, int n) {
     const Networks& net = e.networks;
-    encode(e.field, e.table, {t.x, t.y, t.z}, n, t.encoded, net.encoded);
     forward(net.density_hidden, t.encoded, n, t.hidden, Rectified{});
     forward(net.density_out, t.hidden, n, t.geometry, Plain{});
     for (int k = 0; k < n; ++k)
@@ -88,6 +87,12 @@ inline void evaluate_density(const Evaluation& e, Tile& t, int n) {
         store(t.alpha + k, alpha);
         store(t.passed + k, passed);
     }
+}
+
+// Encoding and density network.
+inline void evaluate_density(const Evaluation& e, Tile& t, int n) {
+    encode(e.field, e.table, {t.x, t.y, t.z}, n, t.encoded, e.networks.encoded);
+    evaluate_encoded(e, t, n);
 }
 
 inline void copy_row(float* rows, int width, int to, int from) {
@@ -137,7 +142,7 @@ inline void evaluate_directions(const Evaluation& e, Tile& t, int rays) {
 // Colours of n samples; t.ray tells each one's direction.
 inline void evaluate_colour(const Evaluation& e, Tile& t, int n) {
     const Networks& net = e.networks;
-    for (int k = n; k < n + row_padding; ++k) t.ray[k] = 0;  // rows computed along must find a direction too
+    for (int k = n; k % row_padding != 0; ++k) t.ray[k] = 0;  // rows computed along must find a direction too
     forward(net.colour_geometry, t.geometry, n, t.colour_a,
             RectifiedAfterAdding{t.direction_term, net.width, t.ray});
     forward(net.colour_hidden, t.colour_a, n, t.colour_b, Rectified{});

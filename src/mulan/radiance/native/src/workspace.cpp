@@ -1,20 +1,24 @@
 #include "workspace.h"
 
-#include <cstdlib>
+#include <cstdint>
 #include <cstring>
 #include <new>
 
 namespace mulan {
 
-Buffer::~Buffer() { std::free(memory_); }
+// Not std::aligned_alloc, which neither MinGW nor macOS before 10.15 has.
+constexpr std::align_val_t page{4096};
+
+Buffer::~Buffer() { ::operator delete(memory_, page); }
 
 void* Buffer::reserve(size_t bytes) {
     if (bytes <= bytes_) return memory_;
+    if (bytes > SIZE_MAX / 2) throw std::bad_alloc();
     const size_t rounded = (bytes + bytes / 4 + 4095) / 4096 * 4096;  // a quarter more: batches vary in size
-    std::free(memory_);
+    ::operator delete(memory_, page);
+    memory_ = nullptr;
     bytes_ = 0;
-    memory_ = std::aligned_alloc(4096, rounded);
-    if (!memory_) throw std::bad_alloc();
+    memory_ = ::operator new(rounded, page);
     bytes_ = rounded;
     return std::memset(memory_, 0, rounded);
 }

@@ -38,6 +38,6 @@ struct MulanWorkspace {
 
     mulan::ThreadPool pool;
     mulan::Buffer packed_networks, tiles, march_table, ray_samples, ray_lists, tile_lists;
-    mulan::Buffer group_gradients, network_gradient, scatter_points, scatter_gradients, table_gradient;
-    mulan::Buffer ray_gradients;
+    mulan::Buffer group_gradients, network_gradient, samples, encoded, scatter_gradients;
+    mulan::Buffer table_gradient, ray_gradients;
 };
