@@ -178,7 +178,8 @@ def run(photographs: Photographs, options: Options, idea: Idea, seed: int) -> di
         done = config.fraction_done(step, 0)
         batch = drawing.batch(data, rays, antialiasing.began(done), generator)
         report = engine.train_step(batch, config.learning_rate_factor(done))
-        rays = next_rays(rays, report.samples, config.samples_a_batch(on_gpu=False))
+        wanted = config.batch_samples_at(done, space.unbounded, on_gpu=False)
+        rays = next_rays(rays, report.samples, wanted)
         if idea.average_decay is not None and step % 4 == 3 and done >= 0.5:
             mean = running_mean(mean, engine.state(), idea.average_decay)
     cpu_s = time.process_time() - began

@@ -10,7 +10,7 @@ from mulan.mission.image_sets import read_posed_images
 from mulan.mission.nerfstudio import write_transforms
 from mulan.mission.run_folder import RunFolder
 from mulan.reconstruction.captured_image import load_captured
-from mulan.reconstruction.field_file import load_engine
+from mulan.reconstruction.field_file import load_field
 from mulan.reconstruction.held_out import evaluate_held_out
 from tests.reconstruction.cube_scene import cube_images
 
@@ -71,8 +71,8 @@ def test_every_training_ends_with_a_score_of_all_views(finished: Path):
 def test_the_score_is_that_of_the_field_on_disk(sets, finished: Path):
     out = finished / "out"
     test = load_captured(read_posed_images(sets[0]).test, 400)
-    engine = load_engine(out / "lego_400_0.6s" / "field.safetensors")
-    scored = evaluate_held_out(engine, test, RunFolder(out), keep=0)
+    engine, description = load_field(out / "lego_400_0.6s" / "field.safetensors")
+    scored = evaluate_held_out(engine, test, RunFolder(out), keep=0, sub_pixels=description.sub_pixels)
     assert read(finished)["lego_400"]["psnr_db_at_s"]["0.6"] == pytest.approx(scored["psnr_db"], abs=1e-3)
 
 

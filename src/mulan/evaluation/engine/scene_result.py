@@ -33,8 +33,8 @@ def measure_scene(
     Returns:
         ``psnr_db_at_s`` (budget to mean PSNR of the finished training), ``psnr_curves`` (of each training),
         ``psnr_curve`` (of the longest), ``seconds_to_28_db`` (of the training that was first),
-        ``samples_per_s``, ``steps`` and ``render_rays_per_s`` (of the longest), ``peak_memory_gb`` (of the
-        whole process, while learning and rendering).
+        ``samples_per_s``, ``steps``, ``render_rays_per_s`` and ``rays_a_pixel`` of its pictures (of the
+        longest), ``peak_memory_gb`` (of the whole process, while learning and rendering).
 
     Raises:
         InputError: See :func:`mulan.reconstruction.trainer.train`.
@@ -60,6 +60,7 @@ def measure_scene(
         longest = {
             "samples_per_s": result.samples / result.seconds,
             "steps": result.steps,
+            "rays_a_pixel": result.description.sub_pixels**2,
             "render_rays_per_s": rays_per_s(result.engine, views),
         }
         listener.say(f"{scene.name}: {final_db[key]:.2f} dB after {key} s ({len(views)} views)")
