@@ -175,8 +175,8 @@ class NativeEngine(SplitStepEngine):
         self, value: Tensor, mean: Tensor, square: Tensor, gradient: Tensor, rate: float, skip: bool
     ) -> None:
         arrays = (address(x) for x in (value, mean, square, gradient))
-        config = self.optimiser_config
-        constants = config.beta1, config.beta2, config.epsilon
+        o = self.optimiser_config
+        constants = o.beta1, o.beta2, o.epsilon
         check(self._c.mulan_adam(value.numel(), *arrays, rate, *constants, self._steps + 1, skip))
 
     def train_step_with_pose_gradients(

@@ -35,15 +35,13 @@ class BatchPart:
         first = joint_rays * rank // processes
         return BatchPart(first, joint_rays * (rank + 1) // processes - first, joint_rays)
 
-    def of_pixels(self, rays_a_pixel: int) -> "BatchPart":
-        """The same counted in pixels."""
-        numbers = (self.first, self.rays, self.joint_rays)
-        return BatchPart(*(number // rays_a_pixel for number in numbers))
+    def in_pixels(self, rays_a_pixel: int) -> "BatchPart":
+        """The same share counted in pixels of so many rays, none of which it cuts."""
+        return BatchPart(*(n // rays_a_pixel for n in (self.first, self.rays, self.joint_rays)))
 
-    def of_rays(self, rays_a_pixel: int) -> "BatchPart":
-        """A part counted in pixels, counted in rays."""
-        numbers = (self.first, self.rays, self.joint_rays)
-        return BatchPart(*(number * rays_a_pixel for number in numbers))
+    def in_rays(self, rays_a_pixel: int) -> "BatchPart":
+        """A share counted in pixels, in rays."""
+        return BatchPart(*(n * rays_a_pixel for n in (self.first, self.rays, self.joint_rays)))
 
     def of(self, joint: Shaped[Tensor, "joint *each"]) -> Shaped[Tensor, "part *each"]:
         """The part's numbers among those of the joint batch."""

@@ -142,8 +142,8 @@ class TorchEngine(SplitStepEngine):
         background, target = self._background, batch.colours[::a_pixel]
         if config.random_background:
             opacity = None if batch.opacity is None else batch.opacity[::a_pixel]
-            drawn_for = part.of_pixels(a_pixel)
-            background, target = random_background(target, opacity, background, self._generator, drawn_for)
+            of_pixels = part.in_pixels(a_pixel)
+            background, target = random_background(target, opacity, background, self._generator, of_pixels)
             background = background[pixels]
         target = target[pixels]
         jitter = part.uniform(self._generator)[used]

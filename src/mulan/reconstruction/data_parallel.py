@@ -57,7 +57,7 @@ class DataParallel:
         Args:
             data: Photographs, the same everywhere.
             rays: Rays of the joint batch.
-            pairs: Whether every two of them are one pixel.
+            pairs: Whether two rays make a pixel.
             sampler: Draws them; equal everywhere.
             learning_rate_factor: As in :meth:`RadianceEngine.train_step`.
 
@@ -70,9 +70,9 @@ class DataParallel:
         began, place = time.perf_counter(), self._group.place
         error, gradients, report = None, None, StepReport(0.0, 0.0, 0)
         try:
-            part = BatchPart.of_process(max(rays // 2, 1) if pairs else rays, place.rank, place.processes)
-            batch = (data.sample_pairs if pairs else data.sample)(rays, sampler, part)
-            part = part.of_rays(batch.rays_a_pixel)
+            a_pixel, draw = (2, data.sample_pairs) if pairs else (1, data.sample)
+            part = BatchPart.of_process(max(rays // a_pixel, 1), place.rank, place.processes).in_rays(a_pixel)
+            batch = draw(part.joint_rays, sampler, part)
             gradients, report = self._engine.gradients(batch, part, self._sum.own())
         except Exception as caught:
             error = caught

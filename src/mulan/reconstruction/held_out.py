@@ -50,8 +50,8 @@ def evaluate_held_out(
     views = []
     for i, image in enumerate(test):
         # one at a time: all of them together may not fit into memory
-        alone = ImageTensors([image])
-        rays, rendering = alone.image_rays(0), alone.render(engine, 0, sub_pixels)
+        view = ImageTensors([image])
+        rays, rendering = view.image_rays(0), view.render(engine, 0, sub_pixels)
         h, w = image.colour.shape[:2]
         view = {
             "name": image.posed.path.name,

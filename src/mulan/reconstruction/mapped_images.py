@@ -3,6 +3,7 @@
 import hashlib
 import tempfile
 from collections.abc import Iterator
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -72,7 +73,6 @@ class MappedImages(PosedPixels):
     def move_to(self, device: torch.device) -> None:
         """See :class:`PosedPixels`; the files stay where they are, each batch is moved."""
         self._device = device
-        self.T_world_camera, self._focal_px = self.T_world_camera.to(device), self._focal_px.to(device)
 
     @property
     def drawable_pixels(self) -> int:
@@ -88,19 +88,20 @@ class MappedImages(PosedPixels):
         """Rays of pixels."""
         pixel = pixel.cpu()
         image = torch.searchsorted(self._first_pixel, pixel, right=True) - 1
-        directions = self._directions.arrays["directions"]
-        colour, alpha = torch.from_numpy(self._photographs.pixels[pixel.numpy()]).split([3, 1], -1)
+        rows = (pixel + self._direction_shift[image]).numpy()
+        colour_and_alpha = torch.from_numpy(self._photographs.pixels[pixel.numpy()])
         drawn = PixelTable(
-            colours=colour.contiguous(),
-            weights=torch.from_numpy(self._weights.arrays["weights"][pixel.numpy()]),
-            image=image.int(),
-            camera_directions=torch.from_numpy(directions[(pixel + self._direction_shift[image]).numpy()]),
-            direction_shift=torch.zeros(len(self.images), dtype=torch.long),
-            T_world_camera=self.T_world_camera.cpu().contiguous(),
-            opacity=alpha[:, 0].contiguous() if self._cut_out else None,
+            colour_and_alpha[:, :3].contiguous(),
+            torch.from_numpy(self._weights.arrays["weights"][pixel.numpy()]),
+            image.to(torch.int32),
+            torch.from_numpy(self._directions.arrays["directions"][rows]),
+            torch.zeros(len(self.images), dtype=torch.long),
+            self.T_world_camera.contiguous(),
+            colour_and_alpha[:, 3].contiguous() if self._cut_out else None,
         )
         batch = gather_rays(drawn, torch.arange(len(pixel)), find_native_library()[0])
-        return batch if self._device.type == "cpu" else batch.to(self._device)
+        moved = {f.name: value for f in fields(batch) if isinstance(value := getattr(batch, f.name), Tensor)}
+        return replace(batch, **{name: value.to(self._device) for name, value in moved.items()})
 
     def _drawn(self, number: Int[Tensor, "r"]) -> Int[Tensor, "r"]:
         return number if self._drawable is None else torch.from_numpy(self._drawable[number.cpu().numpy()])

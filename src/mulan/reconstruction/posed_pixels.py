@@ -74,13 +74,11 @@ class PosedPixels(ABC):
         return self.rays(self._drawn(number.to(self._device)))
 
     def sample_pairs(self, rays: int, generator: torch.Generator, part: BatchPart | None = None) -> RayBatch:
-        """Half as many pixels as rays: each is two rays on one of its diagonals, judged by their mean.
-
-        ``part`` counts pixels.
-        """
+        """Half as many pixels as rays: each is two rays on one of its diagonals, judged by their mean."""
         pixels = max(rays // 2, 1)
-        one, offset_px = self.sample(pixels, generator, part), random_diagonals(pixels, generator)
-        offset_px = (offset_px if part is None else part.of(offset_px)).to(one.origins.device)
+        part = BatchPart.whole(pixels) if part is None else part.in_pixels(2)
+        one = self.sample(pixels, generator, part)
+        offset_px = part.of(random_diagonals(pixels, generator)).to(one.origins.device)
         R, focal_px = self.T_world_camera[one.image_index, :3, :3], self._focal_px[one.image_index]
         return RayBatch(
             origins=one.origins.repeat_interleave(2, 0),

@@ -25,8 +25,8 @@ class TrainConfig:
     steps: int | None = None
     """Optimiser steps; overrides the time budget and makes the result repeatable bit for bit."""
     batch_samples: int | None = None
-    """Field evaluations a step (of each process) at the end of the training, to which the number of rays
-    adapts; if not given 16384, on a GPU 262144."""
+    """Field evaluations a step of each process at the end of the training; the number of rays adapts to it.
+    If not given 16384, on a GPU 262144."""
     first_batch_samples: int | None = None
     """Field evaluations of the first step, from which they grow by equal factors in equal shares of the
     training; chosen by the kind of scene and the length of the training if not given."""
@@ -57,17 +57,17 @@ class TrainConfig:
         """Field evaluations to aim at in the last step."""
         return self.batch_samples or (2**18 if on_gpu else 2**14)
 
+    @property
+    def quick(self) -> bool:
+        """Whether the rough shape matters more than the last detail (``benchmarks/bounded.py``)."""
+        return self.time_budget_s <= QUICK_S if self.steps is None else self.steps <= QUICK_STEPS
+
     def what_is_learnt(self) -> dict[str, Any]:
         """The options the result depends on, not those on reports and files."""
         options = asdict(self)
         for name in ("evaluate_every_s", "checkpoint_every_s", "image_memory_share", "image_cache"):
             del options[name]
         return options
-
-    @property
-    def quick(self) -> bool:
-        """Whether the rough shape matters more than the last detail (``benchmarks/bounded.py``)."""
-        return self.time_budget_s <= QUICK_S if self.steps is None else self.steps <= QUICK_STEPS
 
     def fraction_done(self, steps: int, seconds: float) -> float:
         """Share of the training behind us, 1 when it is over."""

@@ -144,8 +144,7 @@ def _prepare(
     data.move_to(device)
     identity = _identity(config, weighting, description, optimiser, data)
     identity["processes"] = group.place.processes if group else 1
-    loop = _Loop(config, space.unbounded, antialiasing, engine, data, test, run, identity, group)
-    return loop, description
+    return _Loop(config, space.unbounded, antialiasing, engine, data, test, run, identity, group), description
 
 
 class _Loop:
@@ -228,11 +227,11 @@ class _Loop:
     def _step(self, learning_rate_factor: float) -> None:
         s = self.state
         began = time.perf_counter()
+        pairs = self._pixels_are_pairs
         if self._together:
-            pairs = self._pixels_are_pairs
             report, took = self._together.step(self._data, s.rays, pairs, self._sampler, learning_rate_factor)
         else:
-            draw = self._data.sample_pairs if self._pixels_are_pairs else self._data.sample
+            draw = self._data.sample_pairs if pairs else self._data.sample
             report = self.engine.train_step(draw(s.rays, self._sampler), learning_rate_factor)
             took = time.perf_counter() - began
         seconds = s.seconds + took
@@ -290,8 +289,8 @@ def _check(images: PosedImageSet, config: TrainConfig) -> None:
         ("--time-budget", config.time_budget_s),
         ("--image-size", config.image_size),
         ("--batch-samples", 1 if config.batch_samples is None else config.batch_samples),
-        ("--image-memory-share", config.image_memory_share),
         ("--first-batch-samples", 1 if config.first_batch_samples is None else config.first_batch_samples),
+        ("--image-memory-share", config.image_memory_share),
         ("--steps", 1 if config.steps is None else config.steps),
     ):
         if not (math.isfinite(value) and value > 0):

@@ -31,7 +31,7 @@ def native_objective(
         # one background a pixel, whatever the number of its rays
         each = batch.rays_a_pixel
         opacity = None if batch.opacity is None else batch.opacity[::each]
-        pixels = part.of_pixels(each) if part else None
+        pixels = None if part is None else part.in_pixels(each)
         drawn = random_background(colours[::each], opacity, own, generator, pixels)
         backgrounds, colours = (x.repeat_interleave(each, 0) for x in drawn)
     colours = colours.contiguous()
