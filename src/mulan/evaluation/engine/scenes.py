@@ -44,9 +44,9 @@ def engine_scenes(lego: Path, fox: Path, budget_scale: float = 1.0) -> tuple[Eng
     """The object at three sizes and the real place, smallest first so that memory grows."""
     scenes = (
         EngineScene("lego_100", lego, 100, (5.0, 60.0), curve_points=40),
-        EngineScene("lego_200", lego, 200, (60.0, 180.0), curve_points=16),
-        EngineScene("lego_400", lego, 400, (300.0,), curve_points=6),
-        EngineScene("fox_270x480", fox, 480, (15.0, 60.0), curve_points=16),
+        EngineScene("lego_200", lego, 200, (60.0, 180.0), curve_points=6),
+        EngineScene("lego_400", lego, 400, (300.0,), curve_points=3),
+        EngineScene("fox_270x480", fox, 480, (15.0, 60.0), curve_points=8),
     )
     return tuple(
         replace(scene, budgets_s=tuple(budget_scale * budget_s for budget_s in scene.budgets_s))
