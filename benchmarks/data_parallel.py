@@ -74,6 +74,7 @@ def be_worker(options: Options) -> None:
         image_size=options.image_sizes[0],
         steps=options.warm_up_steps + options.steps,
         batch_samples=options.batch_samples,
+        first_batch_samples=options.batch_samples,
         evaluate_every_s=0.0,
         checkpoint_every_s=1e9,
         seed=options.seed,
@@ -143,7 +144,8 @@ def compare(options: Options, size: int) -> dict[str, Any]:
         "ratio_wall": {"median": statistics.median(by_wall), "all": by_wall},
         "ratio_cpu": {"median": statistics.median(by_cpu), "all": by_cpu},
         "loss_difference": {
-            "largest_of_first_16_steps": max(differences[:16]),
+            "largest_of_first_8_steps": max(differences[:8]),
+            "largest_of_first_32_steps": max(differences[:32]),
             f"largest_of_first_{CURVE_STEPS}_steps": max(differences[:CURVE_STEPS]),
             "mean_of_later_steps": abs(sum(a for a, _ in later) / sum(b for _, b in later) - 1),
         },

@@ -19,6 +19,6 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def finished_run(bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The whole loop on the bag."""
     folder = tmp_path_factory.mktemp("runs") / "room"
-    sizes = ["--train.image-size", "48", "--train.steps", "60", "--plan-columns", "6"]
+    sizes = ["--train.image-size", "48", "--train.steps", "300", "--plan-columns", "6"]
     assert run_command(["run", str(bag), "--out", str(folder), *sizes]) == 0
     return folder

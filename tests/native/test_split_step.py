@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 import torch
@@ -19,7 +20,7 @@ from tests.native.spheres import batch_around
 
 FIELD = FieldConfig(levels=4, log2_table_size=10, finest_resolution=48, width=16, geometry_features=8)
 MARCH = MarchConfig(steps=48, occupancy_resolution=32)
-OFTEN = OptimiserConfig(occupancy_every=3)
+OFTEN = OptimiserConfig(occupancy_every=3, random_background=True)
 STEPS = 3 * 7 + 5  # past the occupancy grid's warm-up
 
 NewEngine = Callable[[], SplitStepEngine]
@@ -39,19 +40,31 @@ def new_engine(request: pytest.FixtureRequest, library: NativeLibrary, space: Sc
     return native if request.param != "torch" else lambda: TorchEngine(FIELD, MARCH, space, True, 3, OFTEN)
 
 
-def batches(steps: int) -> list[RayBatch]:
+def batches(steps: int, rays_a_pixel: int = 1) -> list[RayBatch]:
+    """Batches of 120 rays; several rays a pixel have the pixel's colour."""
     g = torch.Generator().manual_seed(0)
-    return [batch_around(120, g) for _ in range(steps)]
+    drawn = [batch_around(120, g) for _ in range(steps)]
+    return [
+        replace(
+            batch,
+            colours=batch.colours[::rays_a_pixel].repeat_interleave(rays_a_pixel, 0),
+            opacity=torch.rand(120 // rays_a_pixel, generator=g).repeat_interleave(rays_a_pixel),
+            rays_a_pixel=rays_a_pixel,
+        )
+        for batch in drawn
+    ]
 
 
 def part_of(batch: RayBatch, part: BatchPart) -> RayBatch:
-    rays = slice(part.first, part.first + part.rays)
+    assert batch.opacity is not None
     return RayBatch(
-        batch.origins[rays],
-        batch.directions[rays],
-        batch.colours[rays],
-        batch.weights[rays],
-        batch.image_index[rays],
+        origins=part.of(batch.origins),
+        directions=part.of(batch.directions),
+        colours=part.of(batch.colours),
+        weights=part.of(batch.weights),
+        image_index=part.of(batch.image_index),
+        opacity=part.of(batch.opacity),
+        rays_a_pixel=batch.rays_a_pixel,
     )
 
 
@@ -70,10 +83,13 @@ def test_the_two_halves_are_the_whole_step_bit_for_bit(new_engine: NewEngine) ->
     assert_equal_states(whole, halves)
 
 
-def test_weighted_mean_of_the_parts_gradients_is_the_joint_batchs(new_engine: NewEngine) -> None:
+@pytest.mark.parametrize("rays_a_pixel", [1, 2])
+def test_weighted_mean_of_the_parts_gradients_is_the_joint_batchs(
+    new_engine: NewEngine, rays_a_pixel: int
+) -> None:
     whole, left, right = new_engine(), new_engine(), new_engine()
     values = torch.empty(left.parameter_count), torch.empty(left.parameter_count)
-    for batch in batches(STEPS):
+    for batch in batches(STEPS, rays_a_pixel):
         joint, report = whole.gradients(batch)
         sides = [
             engine.gradients(part_of(batch, part), part, out)
@@ -103,8 +119,9 @@ def test_numbers_that_are_not_finite_never_reach_a_kernel(
     engine, batch = new_engine(), batches(1)[0]
     before = engine.state()
     getattr(batch, array)[3] = value
+    name = "rays" if array in ("origins", "directions") else array
     for attempt in (lambda: engine.train_step(batch, 1.0), lambda: engine.gradients(batch)):
-        with pytest.raises(ValueError, match="must be finite"):
+        with pytest.raises(ValueError, match=f"{name} must be finite"):
             attempt()
     after = engine.state()
     assert [n for n in before if not torch.equal(before[n], after[n])] == []

@@ -63,7 +63,8 @@ def test_two_processes_have_the_loss_curve_of_one_with_the_double_batch(folder: 
     together, one = (np.array([point["loss"] for point in h]) for h in (history, alone.history))
     assert len(together) == len(one) == CONFIG.steps
     # the same rays and noise: only the order of the sums differs, which training amplifies slowly
-    np.testing.assert_allclose(together[:16], one[:16], rtol=1e-4)
+    np.testing.assert_allclose(together[:8], one[:8], rtol=1e-5)
+    np.testing.assert_allclose(together[:32], one[:32], rtol=1e-3)
     np.testing.assert_allclose(together[:96], one[:96], rtol=0.03)
     # once the occupancy grid drops cells (step 96) a cell at its threshold may change the count of rays drawn
     assert together[96:].mean() == pytest.approx(one[96:].mean(), rel=0.05)

@@ -36,7 +36,7 @@ def check_finite_batch(batch: RayBatch) -> None:
     """Refuse a batch that would teach a NaN; colours of ignored rays are not looked at.
 
     Raises:
-        ValueError: A ray, a weight, or the colour of a ray with weight is not finite.
+        ValueError: A ray, a weight, an opacity, or the colour of a ray with weight is not finite.
     """
     check_finite_rays(batch.origins, batch.directions)
     check_finite("weights", batch.weights)

@@ -3,7 +3,7 @@
 import ctypes
 from ctypes import c_double, c_float, c_int32, c_int64, c_uint64, c_void_p
 
-ABI_VERSION = 4
+ABI_VERSION = 5
 MAX_LEVELS = 32
 
 

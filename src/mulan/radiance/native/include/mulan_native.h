@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define MULAN_ABI_VERSION 4
+#define MULAN_ABI_VERSION 5
 #define MULAN_MAX_LEVELS 32
 #define MULAN_MAX_THREADS 1024
 #define MULAN_MAX_RAYS_A_PIXEL 16
