@@ -11,6 +11,7 @@ python benchmarks/quality.py --data $MULAN_DATA/fox --image-size 135 --out runs/
 import math
 import statistics
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -30,11 +31,10 @@ from mulan.mission.run_folder import write_json
 from mulan.radiance.config import FieldConfig
 from mulan.radiance.engine import RadianceEngine, RayBatch
 from mulan.radiance.native_engine import NativeEngine
-from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.radiance.space import SceneSpace
 from mulan.reconstruction.captured_image import CapturedImage, load_captured
 from mulan.reconstruction.dataset import ImageTensors
-from mulan.reconstruction.field_choice import choose_field, choose_march
+from mulan.reconstruction.field_choice import choose_field, choose_march, choose_optimiser
 from mulan.reconstruction.held_out import psnr_db
 from mulan.reconstruction.scene_space import choose_space
 from mulan.reconstruction.sub_pixels import Antialiasing
@@ -86,7 +86,8 @@ class Idea:
     """One departure from the defaults."""
 
     name: str
-    optimiser: OptimiserConfig = field(default_factory=OptimiserConfig)
+    optimiser: Mapping[str, float] = field(default_factory=dict)
+    """Options of ``OptimiserConfig`` to change from those chosen for the scene."""
     config: TrainConfig = field(default_factory=TrainConfig)
     average_decay: float | None = None
     """Score a running mean of the parameters over the second half, refreshed every 4 steps."""
@@ -104,15 +105,15 @@ IDEAS = (
     Idea("pairs of rays from the start", config=TrainConfig(antialias_share=1)),
     Idea("one ray off its pixel's centre", drawing=OffCentreDrawing),
     Idea("rays drawn by error", drawing=ErrorDrawing),
-    Idea("Adam beta2 0.999", OptimiserConfig(beta2=0.999)),
-    Idea("Adam beta2 0.99", OptimiserConfig(beta2=0.99)),
-    Idea("Adam beta2 0.9", OptimiserConfig(beta2=0.9)),
-    Idea("Adam beta1 0.8", OptimiserConfig(beta1=0.8)),
-    Idea("Adam epsilon 1e-8", OptimiserConfig(epsilon=1e-8)),
-    Idea("table's rate halved", OptimiserConfig(table_learning_rate=1e-2)),
-    Idea("table's rate doubled", OptimiserConfig(table_learning_rate=4e-2)),
-    Idea("networks' rate halved", OptimiserConfig(network_learning_rate=5e-3)),
-    Idea("networks' rate doubled", OptimiserConfig(network_learning_rate=2e-2)),
+    Idea("Adam beta2 0.999", {"beta2": 0.999}),
+    Idea("Adam beta2 0.99", {"beta2": 0.99}),
+    Idea("Adam beta2 0.9", {"beta2": 0.9}),
+    Idea("Adam beta1 0.8", {"beta1": 0.8}),
+    Idea("Adam epsilon 1e-8", {"epsilon": 1e-8}),
+    Idea("table's rate 1e-2", {"table_learning_rate": 1e-2}),
+    Idea("table's rate 4e-2", {"table_learning_rate": 4e-2}),
+    Idea("networks' rate 5e-3", {"network_learning_rate": 5e-3}),
+    Idea("networks' rate 2e-2", {"network_learning_rate": 2e-2}),
     Idea("last rate 0.1", config=TrainConfig(final_learning_rate=0.1)),
     Idea("last rate 0.1, mean of weights", config=TrainConfig(final_learning_rate=0.1), average_decay=0.95),
     Idea("mean of weights", average_decay=0.95),
@@ -165,14 +166,15 @@ def run(photographs: Photographs, options: Options, idea: Idea, seed: int) -> di
     """Train once; PSNR of the validation views and CPU seconds of the training."""
     space = choose_space(photographs.train)
     sizes = choose_field(options.image_size, len(photographs.train), space.unbounded)
-    march = choose_march(options.image_size, space.unbounded)
-    engine = NativeEngine(sizes, march, space, not space.unbounded, seed, idea.optimiser)
+    config, rays, mean = replace(idea.config, steps=options.steps), 256, None
+    march = choose_march(options.image_size, space.unbounded, config.quick)
+    optimiser = replace(choose_optimiser(space.unbounded, config.quick), **idea.optimiser)
+    engine = NativeEngine(sizes, march, space, not space.unbounded, seed, optimiser)
     data, generator = ImageTensors(photographs.train), torch.Generator().manual_seed(seed + 1)
     if idea.fade_fine_levels:
         engine.set_level_weights(level_weights(photographs, sizes, space))
     drawing = idea.drawing(engine, data.drawable_pixels)
     antialiasing = Antialiasing.choose(idea.config.antialias_share, space.unbounded)
-    config, rays, mean = replace(idea.config, steps=options.steps), 256, None
     began = time.process_time()
     for step in range(options.steps):
         done = config.fraction_done(step, 0)
