@@ -77,8 +77,13 @@ def _speed() -> Finding:
     from mulan.radiance.speed import measure_training_speed
 
     # the findings have a line on a missing engine; its warning would break the table
-    logging.getLogger("mulan.radiance.backend").setLevel(logging.ERROR)
-    speed = measure_training_speed()
+    log = logging.getLogger("mulan.radiance.backend")
+    level = log.level
+    log.setLevel(logging.ERROR)
+    try:
+        speed = measure_training_speed()
+    finally:
+        log.setLevel(level)
     rate = f"{speed.samples_per_s / 1e6:.2f} M samples/s, {speed.rays_per_s / 1e3:.3g} k rays/s"
     return Finding("speed", None, f"{rate} in a second of training on a built-in scene")
 
