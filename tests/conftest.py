@@ -22,3 +22,15 @@ def data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no recordings at {folder}; set MULAN_DATA to the folder that holds them")
     return folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled_files() -> None:
+    """An editable install keeps its library in site-packages, which the shape checks' import hook hides."""
+    import sysconfig
+
+    import mulan.radiance
+
+    installed = str(Path(sysconfig.get_path("platlib")) / "mulan" / "radiance")
+    if Path(installed).is_dir() and installed not in mulan.radiance.__path__:
+        mulan.radiance.__path__.append(installed)
