@@ -101,6 +101,8 @@ def test_interrupted_training_keeps_what_it_learnt(finished_run: Path, tmp_path:
         stderr=subprocess.PIPE,
         text=True,
         env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        # a shell's background job hands down ignored interrupts
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     assert process.stdout is not None
     while not process.stdout.readline().startswith("Training"):
