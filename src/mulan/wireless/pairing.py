@@ -1,8 +1,8 @@
-"""Which packet of one direction answers which of the other: by frame counter, or by time where no counter matches.
+"""Which packet answers which: by frame counter, or by time where no counter occurs in both directions.
 
-The fallback follows the WSR toolbox (Jadhav et al., IJRR 2022), which takes packets within 600 µs of each other once
-the clocks are aligned. Clocks differ by tens of seconds and drift by tens of parts per million, so the offset is
-estimated from the pattern of interarrival times; a recording whose packets come too evenly to tell is refused.
+The fallback follows the WSR toolbox (Jadhav et al., IJRR 2022), which takes packets within 600 µs of each other
+once the clocks are aligned. Clocks differ by tens of seconds and drift by tens of parts per million, so the offset
+is estimated from the pattern of interarrival times; packets that come too evenly to tell are refused.
 """
 
 from dataclasses import dataclass
@@ -48,10 +48,10 @@ class ClockAlignment:
 
 
 def pair_indices(forward: CsiTrack, reverse: CsiTrack) -> tuple[Int[NDArray, "k"], Int[NDArray, "k"]]:
-    """Rows of both tracks that belong together, in the order of ``forward.time_s``; every row occurs at most once.
+    """Rows of both tracks that belong together, in the order of ``forward.time_s``, each at most once.
 
-    Counters come first. One that occurs several times (a retransmission, or a counter that wrapped) is resolved by
-    the clocks' common offset. Only if no counter occurs on both sides are packets paired by time.
+    Counters come first. One that occurs several times (a retransmission, or a counter that wrapped) is resolved
+    by the clocks' common offset. Only if no counter occurs on both sides are packets paired by time.
 
     Args:
         forward: What the observer received from the peer.
@@ -144,7 +144,8 @@ def align_clocks(forward_s: Float[NDArray, "n"], reverse_s: Float[NDArray, "m"])
     """The clocks' offset and drift from the pattern of interarrival times, or None if it is not clear.
 
     Args:
-        forward_s, reverse_s: Times of packets and replies, each increasing on its own clock.
+        forward_s: Times of packets, increasing.
+        reverse_s: Times of their replies on the other clock, increasing.
     """
     if min(len(forward_s), len(reverse_s)) < _FEWEST:
         return None
@@ -196,7 +197,7 @@ def _refined(
     block_s: Float[NDArray, "b"],
     offset_s: float,
 ) -> ClockAlignment | None:
-    """Follow the line from a block outwards: fit, then widen the stretch fitted until it is the whole track."""
+    """Follow the line from a block outwards: fit, then widen the stretch until it is the whole track."""
     reference = float(block_s.mean())
     drift, offset = 0.0, offset_s
     reach = float(np.ptp(block_s)) / 2 + 1e-6
