@@ -1,8 +1,8 @@
 """Which packet answers which: by frame counter, or by time where no counter occurs in both directions.
 
-The fallback follows the WSR toolbox (Jadhav et al., IJRR 2022), which takes packets within 600 µs of each other
-once the clocks are aligned. Clocks differ by tens of seconds and drift by tens of parts per million, so the offset
-is estimated from the pattern of interarrival times; packets that come too evenly to tell are refused.
+The fallback follows the WSR toolbox (Jadhav et al., IJRR 2022), which takes packets within 600 µs of each
+other once the clocks are aligned. Clocks differ by tens of seconds and drift by tens of parts per million; the
+offset comes from the pattern of interarrival times, and packets that come too evenly to tell are refused.
 """
 
 from dataclasses import dataclass
@@ -16,14 +16,18 @@ from mulan.mission.types import CsiTrack
 
 _PAIR_WITHIN_S = 600e-6  # WSR toolbox
 _STRAY_S = 1.0  # a pair this far from the clocks' common offset shares its counter by accident
-_STRAY_DRIFT = 1e-3
+_JITTER_S = 4e-3  # of the stamps, a packet and its repetition included
+_DRIFT = 2e-4  # both clocks at the limit of their crystals
+_MOST_REPEATS = 64  # a counter with more says as little as none
 _BLOCK = 128  # packets compared at once; short enough that clock drift does not matter
 _BLOCK_AT = (0.3, 0.5, 0.7)  # where in the forward track blocks are taken
 _ANCHORS = (0, 1, 2)  # the block's first packets; one of them will have been answered
 _FEWEST = 32
-_SHORTLIST = 20
-_BATCH = 256  # candidate offsets tried at once, which bounds memory
+_SCREEN = 32  # packets of the block that every offset is tried with first
+_SCREENED, _SHORTLIST = 512, 16  # offsets tried with the whole block, and with the whole track
+_BATCH = 1024  # offsets tried at once, which bounds memory
 _CLEARLY_BETTER = 0.7  # largest ratio of the best misfit to the next offset's that counts as certain
+_RESOLUTION_S = 10e-6  # misfits below are all the same
 
 
 @dataclass(frozen=True)
@@ -50,8 +54,8 @@ class ClockAlignment:
 def pair_indices(forward: CsiTrack, reverse: CsiTrack) -> tuple[Int[NDArray, "k"], Int[NDArray, "k"]]:
     """Rows of both tracks that belong together, in the order of ``forward.time_s``, each at most once.
 
-    Counters come first. One that occurs several times (a retransmission, or a counter that wrapped) is resolved
-    by the clocks' common offset. Only if no counter occurs on both sides are packets paired by time.
+    Counters come first. One that occurs several times (a retransmission, or a counter that wrapped) is
+    resolved by the clocks' common offset. Only if no counter occurs on both sides are packets paired by time.
 
     Args:
         forward: What the observer received from the peer.
@@ -71,12 +75,17 @@ def pair_indices(forward: CsiTrack, reverse: CsiTrack) -> tuple[Int[NDArray, "k"
 
 def _same_counter(forward: NDArray, reverse: NDArray) -> tuple[Int[NDArray, "k"], Int[NDArray, "k"]]:
     """All combinations of rows with equal counters."""
+    nobody = np.empty(0, np.int64)
+    if len(forward) == 0 or len(reverse) == 0:
+        return nobody, nobody
+    if len(forward) > 1 and (forward == forward[0]).all():  # a constant counter says nothing
+        return nobody, nobody
     order = np.argsort(reverse, kind="stable")
     ordered = reverse[order]
     first, last = (np.searchsorted(ordered, forward, side) for side in ("left", "right"))
     count = last - first
-    if count.sum() > 64 * (len(forward) + len(reverse)):  # a constant counter says nothing
-        return np.empty(0, np.int64), np.empty(0, np.int64)
+    if count.sum() > _MOST_REPEATS * (len(forward) + len(reverse)):
+        return nobody, nobody
     i = np.repeat(np.arange(len(forward)), count)
     within = np.arange(len(i)) - np.repeat(np.cumsum(count) - count, count)
     return i, order[np.repeat(first, count) + within]
@@ -87,22 +96,22 @@ def _consistent(
 ) -> tuple[Int[NDArray, "k"], Int[NDArray, "k"]]:
     """Pairs that agree on the clocks' offset, the closest first where rows compete."""
     difference = reverse_s[j] - forward_s[i]
-    tolerance = _STRAY_S + _STRAY_DRIFT * float(np.ptp(forward_s[i]))
+    narrow = _JITTER_S + _DRIFT * float(np.ptp(forward_s[i]))
     ordered = np.sort(difference)
-    inside = np.searchsorted(ordered, ordered + tolerance, "right") - np.arange(len(ordered))
+    inside = np.searchsorted(ordered, ordered + narrow, "right") - np.arange(len(ordered))
     begin = int(inside.argmax())
     common = float(np.median(ordered[begin : begin + inside[begin]]))
-    keep = np.flatnonzero(np.abs(difference - common) <= tolerance)
-    unique = keep[_once(i[keep]) & _once(j[keep])]
-    expected = np.full(len(keep), common)
-    if len(unique) > 1:  # drift moves the offset by more than the gap between a packet and its repetition
-        by_time = unique[np.argsort(forward_s[i[unique]], kind="stable")]
-        expected = np.interp(forward_s[i[keep]], forward_s[i[by_time]], difference[by_time])
-    keep = keep[np.argsort(np.abs(difference[keep] - expected), kind="stable")]
-    if len(unique) == len(keep):
+    repeats = not (_once(i) & _once(j)).all()  # the counter wrapped, or packets came twice
+    keep = np.flatnonzero(np.abs(difference - common) <= (narrow if repeats else _STRAY_S + narrow))
+    single = keep[_once(i[keep]) & _once(j[keep])]
+    if len(single) == len(keep):
         return i[keep], j[keep]
+    expected = np.full(len(keep), common)
+    if len(single):  # drift moves the offset by more than the gap between a packet and its repetition
+        by_time = single[np.argsort(forward_s[i[single]], kind="stable")]
+        expected = np.interp(forward_s[i[keep]], forward_s[i[by_time]], difference[by_time])
     taken_i, taken_j, chosen = set(), set(), []
-    for k in keep:
+    for k in keep[np.argsort(np.abs(difference[keep] - expected), kind="stable")]:
         if i[k] not in taken_i and j[k] not in taken_j:
             taken_i.add(i[k])
             taken_j.add(j[k])
@@ -155,11 +164,10 @@ def align_clocks(forward_s: Float[NDArray, "n"], reverse_s: Float[NDArray, "m"])
         begin = int(part * (len(forward_s) - size))
         block = forward_s[begin : begin + size]
         offsets = np.concatenate([reverse_s - block[anchor] for anchor in _ANCHORS])
-        misfits = np.concatenate(
-            [_misfit(block, reverse_s, offsets[k : k + _BATCH]) for k in range(0, len(offsets), _BATCH)]
-        )
-        for k in np.argsort(misfits)[:_SHORTLIST]:
-            fit = _refined(forward_s, reverse_s, block, float(offsets[k]))
+        for packets, survivors in ((block[:_SCREEN], _SCREENED), (block, _SHORTLIST)):
+            offsets = offsets[np.argsort(_misfit(packets, reverse_s, offsets), kind="stable")[:survivors]]
+        for offset_s in offsets:
+            fit = _refined(forward_s, reverse_s, block, float(offset_s))
             if fit is not None:
                 fits.append(fit)
     if not fits:
@@ -171,7 +179,8 @@ def align_clocks(forward_s: Float[NDArray, "n"], reverse_s: Float[NDArray, "m"])
         if abs(float((fit.to_reverse(forward_s[:1]) - best.to_reverse(forward_s[:1]))[0]))
         > 2 * _PAIR_WITHIN_S
     ]
-    if best.misfit_s > _PAIR_WITHIN_S / 2 or (others and best.misfit_s > _CLEARLY_BETTER * min(others)):
+    misfit_s = max(best.misfit_s, _RESOLUTION_S)
+    if misfit_s > _PAIR_WITHIN_S / 2 or (others and misfit_s > _CLEARLY_BETTER * min(others)):
         return None
     return best
 
@@ -186,9 +195,12 @@ def _misfit(
     block_s: Float[NDArray, "b"], reverse_s: Float[NDArray, "m"], offsets_s: Float[NDArray, "c"]
 ) -> Float[NDArray, "c"]:
     """Median absolute deviation of a block's packets from their nearest replies, for each offset."""
-    moved = block_s + offsets_s[:, None]
-    residual = reverse_s[_nearest(reverse_s, moved)] - moved
-    return np.median(np.abs(residual - np.median(residual, 1, keepdims=True)), 1)
+    misfits = []
+    for k in range(0, len(offsets_s), _BATCH):
+        moved = block_s + offsets_s[k : k + _BATCH, None]
+        residual = reverse_s[_nearest(reverse_s, moved)] - moved
+        misfits.append(np.median(np.abs(residual - np.median(residual, 1, keepdims=True)), 1))
+    return np.concatenate(misfits)
 
 
 def _refined(
