@@ -1,8 +1,8 @@
 """Which packet answers which: by frame counter, or by time where no counter occurs in both directions.
 
 The fallback follows the WSR toolbox (Jadhav et al., IJRR 2022), which takes packets within 600 µs of each
-other once the clocks are aligned. Clocks differ by tens of seconds and drift by tens of parts per million. The
-offset comes from the pattern of interarrival times; packets that come too evenly to tell are refused.
+other once the clocks are aligned. Clocks differ by tens of seconds and drift by tens of parts per million:
+the offset comes from the pattern of interarrival times. Packets that come too evenly to tell are refused.
 """
 
 from dataclasses import dataclass

@@ -64,7 +64,7 @@ def _is_intel5300(head: bytes) -> bool:
 def _is_atheros(head: bytes) -> bool:
     if len(head) < 2 + _ATHEROS_HEADER_BYTES:
         return False
-    (length,) = struct.unpack_from(">H", head)
+    length = max(*struct.unpack_from("<H", head), *struct.unpack_from(">H", head))  # the tool's host's order
     tones, receivers, streams = head[18:21]
     return (
         length >= _ATHEROS_HEADER_BYTES
