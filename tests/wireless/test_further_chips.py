@@ -27,7 +27,7 @@ def atheros_record(csi, time_us, order="<", payload=b"frame", **change):
             number |= (int(part) & 0x3FF) << (20 * k + shift)
     bits = number.to_bytes(csi.size * 20 // 8, "little")
     field = {
-        "csi": len(bits),
+        "csi_bytes": len(bits),
         "tones": tones,
         "nr": nr,
         "nc": nc,

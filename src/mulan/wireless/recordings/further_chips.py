@@ -1,8 +1,8 @@
 """Channel state of any supported card's file, its writer told by the header.
 
 Intel 5300 files go to our own reader. Atheros and Broadcom (nexmon) files go to csiread (MIT), an extra:
-``pip install mulan[csi]``. csiread trusts lengths in the file and would read past its buffers, so each of them
-is checked before.
+``pip install mulan[csi]``. csiread trusts lengths in the file and would read past its buffers, so each is
+checked before.
 """
 
 import struct
