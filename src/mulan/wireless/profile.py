@@ -21,24 +21,25 @@ def wavenumber_rad_m(wavelength_m: float, round_trip: bool = True) -> float:
 
 def bartlett_power_reference(
     position_m: Float[NDArray, "n 3"],
-    channel: Complex[NDArray, "n"],
+    channel: Complex[NDArray, "n *c"],
     wavelength_m: float,
     azimuth_rad: Float[NDArray, "a"],
     elevation_rad: Float[NDArray, "e"],
     round_trip: bool = True,
 ) -> Float[NDArray, "e a"]:
-    """``|Σ_k h_k exp(-j k p_k·u)|²`` in complex128, straight from the definition (any grid; slow)."""
+    """``Σ_c |Σ_k h_kc exp(-j k p_k·u)|²`` in complex128, straight from the definition (any grid; slow)."""
+    channel = channel.reshape(len(channel), -1)
     relative = (position_m - position_m.mean(0)) * wavenumber_rad_m(wavelength_m, round_trip)
     power = np.empty((len(elevation_rad), len(azimuth_rad)))
     for row, elevation in enumerate(elevation_rad):
         u = unit_direction(azimuth_rad, np.full_like(azimuth_rad, elevation))
-        power[row] = np.abs(np.exp(-1j * (u @ relative.T)) @ channel) ** 2
+        power[row] = (np.abs(np.exp(-1j * (u @ relative.T)) @ channel) ** 2).sum(1)
     return power
 
 
 def bartlett_power(
     position_m: Float[NDArray, "n 3"],
-    channel: Complex[NDArray, "n"],
+    channel: Complex[NDArray, "n *c"],
     wavelength_m: float,
     azimuth_count: int = 360,
     elevation_count: int = 181,
@@ -51,7 +52,8 @@ def bartlett_power(
 
     Args:
         position_m: Antenna positions in the axes the grid refers to.
-        channel: One complex number a position.
+        channel: One complex number a position, or several (subcarriers, principal components): the powers
+            of the columns are summed.
         wavelength_m: Carrier wavelength.
         azimuth_count: Even.
         elevation_count: Odd.
@@ -65,9 +67,11 @@ def bartlett_power(
     in_plane = (relative[:, :2] @ steering).astype(np.float32)
     upper = elevation_rad[middle:]
     rise = np.exp(-1j * np.outer(np.sin(upper), relative[:, 2]))
-    above, below = channel * rise, channel * rise.conj()
-    weights = np.stack([np.real(above), np.imag(above), np.real(below), np.imag(below)], 1).astype(np.float32)
-    cos_sum = np.zeros((len(upper), 4, half), np.float32)
+    columns = channel.reshape(len(channel), -1).T
+    above, below = columns * rise[:, None], columns * rise.conj()[:, None]
+    weights = np.stack([np.real(above), np.imag(above), np.real(below), np.imag(below)], 1)
+    weights = weights.astype(np.float32).reshape(len(upper), -1, len(channel))
+    cos_sum = np.zeros((*weights.shape[:2], half), np.float32)
     sin_sum = np.zeros_like(cos_sum)
     for start in range(0, len(channel), _PACKETS_PER_BLOCK):
         block = np.ascontiguousarray(in_plane[start : start + _PACKETS_PER_BLOCK])
@@ -77,12 +81,14 @@ def bartlett_power(
             np.multiply(block, cos_elevation, out=angle)
             cos_sum[row] += w @ np.cos(angle, out=trig)
             sin_sum[row] += w @ np.sin(angle, out=trig)
+    cos_sum = cos_sum.reshape(len(upper), 4, -1, half)
+    sin_sum = sin_sum.reshape(cos_sum.shape)
     power = np.empty((elevation_count, azimuth_count), np.float32)
     for real, rows in ((0, np.arange(middle, elevation_count)), (2, np.arange(middle, -1, -1))):
         re_cos, im_cos = cos_sum[:, real], cos_sum[:, real + 1]
         re_sin, im_sin = sin_sum[:, real], sin_sum[:, real + 1]
-        power[rows, :half] = (re_cos + im_sin) ** 2 + (im_cos - re_sin) ** 2
-        power[rows, half:] = (re_cos - im_sin) ** 2 + (im_cos + re_sin) ** 2
+        power[rows, :half] = ((re_cos + im_sin) ** 2 + (im_cos - re_sin) ** 2).sum(1)
+        power[rows, half:] = ((re_cos - im_sin) ** 2 + (im_cos + re_sin) ** 2).sum(1)
     return power
 
 
