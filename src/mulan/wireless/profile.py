@@ -4,16 +4,16 @@ Sign convention: a channel is ``exp(-j 2π f d / c)``, so moving by p towards th
 turns its phase by ``+k p·u``; k is 2π/λ for one-way CSI and 4π/λ for the product of both directions.
 """
 
+from collections.abc import Iterable, Iterator
+
 import numpy as np
 from jaxtyping import Complex, Float
 from numpy.typing import NDArray
 
-from mulan.wireless.angular_band import interpolated, sufficient_azimuths
-from mulan.wireless.beamformer import beamformer_output
+from mulan.wireless.direct_steering import direct_output
 from mulan.wireless.directions import direction_grid, unit_direction
+from mulan.wireless.grid_power import grid_power
 from mulan.wireless.types import AoaProfile
-
-_WORTH_INTERPOLATING = 0.75  # of the azimuths wanted; above it, computing them all costs less
 
 
 def wavenumber_rad_m(wavelength_m: float, round_trip: bool = True) -> float:
@@ -28,14 +28,22 @@ def bartlett_power_reference(
     azimuth_rad: Float[NDArray, "a"],
     elevation_rad: Float[NDArray, "e"],
     round_trip: bool = True,
+    range_m: float | None = None,
 ) -> Float[NDArray, "e a"]:
-    """``Σ_c |Σ_k h_kc exp(-j k p_k·u)|²`` in complex128, straight from the definition (any grid; slow)."""
+    """``Σ_c |Σ_k h_kc exp(-jφ_k(u))|²`` in complex128, straight from the definition (any grid; slow).
+
+    φ is ``k p·u`` for plane waves and ``k (r - |r u - p|)`` for a source at range r from the centroid.
+    """
     channel = channel.reshape(len(channel), -1)
-    relative = (position_m - position_m.mean(0)) * wavenumber_rad_m(wavelength_m, round_trip)
+    k, relative = wavenumber_rad_m(wavelength_m, round_trip), position_m - position_m.mean(0)
     power = np.empty((len(elevation_rad), len(azimuth_rad)))
     for row, elevation in enumerate(elevation_rad):
         u = unit_direction(azimuth_rad, np.full_like(azimuth_rad, elevation))
-        power[row] = (np.abs(np.exp(-1j * (u @ relative.T)) @ channel) ** 2).sum(1)
+        if range_m is None:
+            towards_m = u @ relative.T
+        else:
+            towards_m = range_m - np.linalg.norm(range_m * u[:, None] - relative, axis=2)
+        power[row] = (np.abs(np.exp(-1j * k * towards_m) @ channel) ** 2).sum(1)
     return power
 
 
@@ -46,11 +54,13 @@ def bartlett_power(
     azimuth_count: int = 360,
     elevation_count: int = 181,
     round_trip: bool = True,
+    range_m: float | None = None,
+    tolerance: float = 1e-3,
 ) -> Float[NDArray, "e a"]:
     """The reference's power on the full ``direction_grid`` in float32, to 1e-4 of its peak and far faster.
 
-    Cost grows little with the number of packets, more with the path's height (``beamformer``), and falls with
-    its radius (``angular_band``).
+    For plane waves the cost grows little with the number of packets, more with the path's height
+    (``beamformer``), and falls with its radius (``angular_band``). Spherical waves cost more.
 
     Args:
         position_m: Antenna positions in the axes the grid refers to.
@@ -60,21 +70,51 @@ def bartlett_power(
         azimuth_count: Even.
         elevation_count: Odd.
         round_trip: The channel is a forward x reverse product.
+        range_m: Distance of the source from the centroid of the positions, beyond all of them, for spherical
+            waves; None for plane waves.
+        tolerance: Share of the peak that several columns may lose where their principal components are weak.
+
+    Raises:
+        ValueError: A grid without the symmetries, or a range that does not leave the aperture.
     """
-    direction_grid(azimuth_count, elevation_count)
-    middle = (position_m.min(0) + position_m.max(0)) / 2
-    phase = (position_m - middle) * wavenumber_rad_m(wavelength_m, round_trip)
-    count = sufficient_azimuths(float(np.linalg.norm(phase, axis=1).max()))
-    one_step = azimuth_count == 2 * (elevation_count - 1) and azimuth_count % 4 == 0
-    if one_step and count > _WORTH_INTERPOLATING * azimuth_count:
-        count = azimuth_count
-    power = np.zeros((elevation_count, azimuth_count), np.float32)
-    for column in channel.reshape(len(channel), -1).T:
-        output = beamformer_output(phase, column[:, None], count)
-        if not one_step or count != azimuth_count:
-            output = interpolated(output, azimuth_count, elevation_count)
-        power += (output**2).sum((0, 1))
-    return power
+    k = wavenumber_rad_m(wavelength_m, round_trip)
+    return grid_power(position_m, channel, k, azimuth_count, elevation_count, range_m, tolerance)
+
+
+def bartlett_powers(
+    links: Iterable[tuple[Float[NDArray, "n 3"], Complex[NDArray, "n *c"]]],
+    wavelength_m: float,
+    azimuth_count: int = 360,
+    elevation_count: int = 181,
+    round_trip: bool = True,
+) -> Iterator[Float[NDArray, "e a"]]:
+    """``bartlett_power`` of many links (positions, channel), one after the other as they are asked for.
+
+    Nothing of a link is kept after its turn, so memory does not grow with their number.
+    """
+    for position_m, channel in links:
+        yield bartlett_power(position_m, channel, wavelength_m, azimuth_count, elevation_count, round_trip)
+
+
+def azimuth_power(
+    position_m: Float[NDArray, "n 3"],
+    channel: Complex[NDArray, "n *c"],
+    wavelength_m: float,
+    azimuth_rad: Float[NDArray, "a"],
+    elevation_rad: float = 0.0,
+    round_trip: bool = True,
+    range_m: float | None = None,
+) -> Float[NDArray, "a"]:
+    """The two-dimensional profile: power over any azimuths at one elevation, in float32 to 1e-4 of its peak.
+
+    Arguments as for ``bartlett_power``.
+    """
+    k = wavenumber_rad_m(wavelength_m, round_trip)
+    directions = unit_direction(azimuth_rad, np.full_like(azimuth_rad, elevation_rad))
+    columns = channel.reshape(len(channel), -1)
+    range_rad = None if range_m is None else k * range_m
+    output = direct_output((position_m - position_m.mean(0)) * k, columns, directions, range_rad)
+    return (output**2).sum((0, 1))
 
 
 def unit_sum_profile(power: Float[NDArray, "e a"]) -> AoaProfile:

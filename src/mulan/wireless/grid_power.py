@@ -1,0 +1,84 @@
+"""Bartlett power on a full direction grid by the cheapest way to the accuracy; numpy and torch alike."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Complex, Float
+from numpy.typing import NDArray
+
+from mulan.wireless.angular_band import interpolated, sufficient_azimuths
+from mulan.wireless.beamformer import beamformer_output
+from mulan.wireless.direct_steering import direct_output
+from mulan.wireless.directions import direction_grid, unit_direction
+from mulan.wireless.principal_channels import principal_channels
+
+_WORTH_INTERPOLATING = 0.75  # of the azimuths wanted; above it, computing them all costs less
+_CHANNELS_AT_ONCE = 4  # bounds the memory of spherical waves
+
+
+def _grid_directions(azimuth_count: int, elevation_count: int) -> Float[NDArray, "d 3"]:
+    azimuth_rad, elevation_rad = direction_grid(azimuth_count, elevation_count)
+    return unit_direction(*np.meshgrid(azimuth_rad, elevation_rad)).reshape(-1, 3)
+
+
+def _grid_output(
+    phase_m: Float[NDArray, "n 3"],
+    channel: Complex[NDArray, "n c"],
+    azimuth_count: int,
+    elevation_count: int,
+    range_rad: float | None,
+    xp: Any,
+    device: str,
+) -> Any:
+    """Beamformer output, real and imaginary parts [c, 2, elevation_count, azimuth_count]."""
+    radius_rad = float(np.linalg.norm(phase_m, axis=1).max())
+    if range_rad is not None:
+        if radius_rad >= range_rad:
+            raise ValueError("the range ends inside the aperture, where a source has no direction")
+        radius_rad = radius_rad / (1 - radius_rad / range_rad)  # the phase's steepest slope over angle
+    count = sufficient_azimuths(radius_rad)
+    one_step = azimuth_count == 2 * (elevation_count - 1) and azimuth_count % 4 == 0
+    if count > _WORTH_INTERPOLATING * azimuth_count:
+        if one_step and range_rad is None:
+            return beamformer_output(phase_m, channel, azimuth_count, xp, device)
+        if range_rad is not None or count > 2 * azimuth_count:
+            directions = _grid_directions(azimuth_count, elevation_count)
+            output = direct_output(phase_m, channel, directions, range_rad, xp, device)
+            return output.reshape(-1, 2, elevation_count, azimuth_count)
+    if range_rad is None:
+        output = beamformer_output(phase_m, channel, count, xp, device)
+    else:
+        directions = _grid_directions(count, count // 2 + 1)
+        output = direct_output(phase_m, channel, directions, range_rad, xp, device)
+        output = output.reshape(-1, 2, count // 2 + 1, count)
+    return interpolated(output, azimuth_count, elevation_count, xp)
+
+
+def grid_power(
+    position_m: Float[NDArray, "n 3"],
+    channel: Complex[NDArray, "n *c"],
+    wavenumber_rad_m: float,
+    azimuth_count: int,
+    elevation_count: int,
+    range_m: float | None,
+    tolerance: float,
+    xp: Any = np,
+    device: str = "cpu",
+) -> Any:
+    """Power [elevation_count, azimuth_count], an array of the kind of ``xp``; see ``bartlett_power``."""
+    direction_grid(azimuth_count, elevation_count)
+    origin = position_m.mean(0)
+    if range_m is None:
+        origin = (position_m.min(0) + position_m.max(0)) / 2  # plane waves refer to no point
+    phase_m = (position_m - origin) * wavenumber_rad_m
+    range_rad = None if range_m is None else range_m * wavenumber_rad_m
+    columns, column_power = principal_channels(channel.reshape(len(channel), -1))
+    power = xp.zeros((elevation_count, azimuth_count), dtype=xp.float32, device=device)
+    together = 1 if range_m is None else _CHANNELS_AT_ONCE
+    for start in range(0, columns.shape[1], together):
+        if start and len(channel) * column_power[start] < tolerance * float(power.max()):
+            break
+        part = columns[:, start : start + together]
+        output = _grid_output(phase_m, part, azimuth_count, elevation_count, range_rad, xp, device)
+        power += (output**2).sum((0, 1))
+    return power
