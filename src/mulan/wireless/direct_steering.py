@@ -38,7 +38,7 @@ def direct_output(
 
     position, unit = single(phase_m.T), single(direction)
     square = single((phase_m**2).sum(1))
-    weight = single(np.concatenate([channel.real, channel.imag], 1))
+    weight = single(np.concatenate([np.real(channel), np.imag(channel)], 1))
     packets, directions = _PACKETS_PER_BLOCK, _DIRECTIONS_PER_BLOCK
     if device != "cpu":
         packets, directions = len(channel), 1 << 14

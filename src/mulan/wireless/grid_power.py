@@ -10,15 +10,32 @@ from mulan.wireless.angular_band import interpolated, sufficient_azimuths
 from mulan.wireless.beamformer import beamformer_output
 from mulan.wireless.direct_steering import direct_output
 from mulan.wireless.directions import direction_grid, unit_direction
+from mulan.wireless.height_slices import height_shares
 from mulan.wireless.principal_channels import principal_channels
+from mulan.wireless.quadrant_steering import quadrant_output
 
 _WORTH_INTERPOLATING = 0.75  # of the azimuths wanted; above it, computing them all costs less
+_SLICE_COST, _SHARE_COST = 3.0, 0.035  # of a slice and of a packet in one, in packets of quadrant_output
 _CHANNELS_AT_ONCE = 4  # bounds the memory of spherical waves
 
 
 def _grid_directions(azimuth_count: int, elevation_count: int) -> Float[NDArray, "d 3"]:
     azimuth_rad, elevation_rad = direction_grid(azimuth_count, elevation_count)
     return unit_direction(*np.meshgrid(azimuth_rad, elevation_rad)).reshape(-1, 3)
+
+
+def _plane_output(
+    phase_m: Float[NDArray, "n 3"],
+    channel: Complex[NDArray, "n c"],
+    azimuth_count: int,
+    xp: Any,
+    device: str,
+) -> Any:
+    """Plane waves on a grid of one step, by whichever way costs less; as ``beamformer_output``."""
+    slices, shares = height_shares(float(np.ptp(phase_m[:, 2])))
+    if slices * _SLICE_COST + len(channel) * shares * _SHARE_COST < len(channel):
+        return beamformer_output(phase_m, channel, azimuth_count, xp, device)
+    return quadrant_output(phase_m, channel, azimuth_count, xp, device)
 
 
 def _grid_output(
@@ -40,13 +57,13 @@ def _grid_output(
     one_step = azimuth_count == 2 * (elevation_count - 1) and azimuth_count % 4 == 0
     if count > _WORTH_INTERPOLATING * azimuth_count:
         if one_step and range_rad is None:
-            return beamformer_output(phase_m, channel, azimuth_count, xp, device)
+            return _plane_output(phase_m, channel, azimuth_count, xp, device)
         if range_rad is not None or count > 2 * azimuth_count:
             directions = _grid_directions(azimuth_count, elevation_count)
             output = direct_output(phase_m, channel, directions, range_rad, xp, device)
             return output.reshape(-1, 2, elevation_count, azimuth_count)
     if range_rad is None:
-        output = beamformer_output(phase_m, channel, count, xp, device)
+        output = _plane_output(phase_m, channel, count, xp, device)
     else:
         directions = _grid_directions(count, count // 2 + 1)
         output = direct_output(phase_m, channel, directions, range_rad, xp, device)

@@ -38,6 +38,22 @@ class HeightSlice:
     odd: Float[NDArray, "e"] | None
 
 
+def _term_count(largest: float) -> int | None:
+    """Chebyshev terms of heights up to ``largest`` in size, or None where slices are better."""
+    size = np.abs(jv(np.arange(_MOST_TERMS + 1), largest))
+    if largest >= _MOST_TERMS or size[-1] >= _LEAST_TERM:
+        return None
+    return max(1, int(np.count_nonzero(size > _LEAST_TERM)))
+
+
+def height_shares(span_rad: float) -> tuple[int, int]:
+    """How many slices ``height_slices`` makes of a span of heights, and how many share one packet."""
+    terms = _term_count(span_rad / 2)
+    if terms is not None:
+        return terms, terms
+    return int(span_rad * _OVERSAMPLING / np.pi) + _WINDOW_SLICES, _WINDOW_SLICES
+
+
 def height_slices(height_rad: Float[NDArray, "n"], sin_elevation: Float[NDArray, "e"]) -> list[HeightSlice]:
     """The terms of ``exp(-j z sin e)``, to 1e-5.
 
@@ -46,16 +62,15 @@ def height_slices(height_rad: Float[NDArray, "n"], sin_elevation: Float[NDArray,
         sin_elevation: Of the elevations wanted, in 0..1.
     """
     largest = float(np.abs(height_rad).max())
-    order = np.arange(_MOST_TERMS + 1)
-    if np.abs(jv(order, largest))[-1] < _LEAST_TERM and largest < _MOST_TERMS:
-        return _chebyshev_terms(height_rad, largest, sin_elevation)
+    terms = _term_count(largest)
+    if terms is not None:
+        return _chebyshev_terms(height_rad, largest, terms, sin_elevation)
     return _windowed_slices(height_rad, sin_elevation)
 
 
 def _chebyshev_terms(
-    height_rad: Float[NDArray, "n"], largest: float, sin_elevation: Float[NDArray, "e"]
+    height_rad: Float[NDArray, "n"], largest: float, terms: int, sin_elevation: Float[NDArray, "e"]
 ) -> list[HeightSlice]:
-    terms = max(1, int(np.count_nonzero(np.abs(jv(np.arange(_MOST_TERMS + 1), largest)) > _LEAST_TERM)))
     angle = np.arccos(np.clip(height_rad / max(largest, 1e-30), -1.0, 1.0))
     found = []
     for m in range(terms):
