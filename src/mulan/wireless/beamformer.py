@@ -55,11 +55,21 @@ def _lattice(azimuth_count: int) -> _Lattice:
     return _Lattice(angle_rad, np.sin(step * np.arange(q + 1)), place)
 
 
-def _toeplitz(by_distance: Float[NDArray, "e"], first: int, last: int) -> Float[NDArray, "m q"]:
-    """``by_distance[|i - j|]`` for first <= i < last and j < last, in single precision."""
-    both_ways = np.concatenate([by_distance[last - 1 : 0 : -1], by_distance[:last]]).astype(np.float32)
-    windows = np.lib.stride_tricks.sliding_window_view(both_ways, last)
-    return np.ascontiguousarray(windows[::-1][first:last])
+def _by_distance(
+    slices: list[HeightSlice], first: int, last: int
+) -> Float[NDArray, "slices parts complement m q"]:
+    """Factors of all slices for first <= i < last and j < last, a view of few numbers.
+
+    They are even and odd parts at the elevation |i - j| and, with half a turn between α and β, its complement.
+    """
+    count = len(next(f for f in (slices[0].even, slices[0].odd) if f is not None))
+    factor = np.zeros((len(slices), 2, 2, count), np.float32)
+    for row, part in enumerate(slices):
+        for parity, by_elevation in enumerate((part.even, part.odd)):
+            if by_elevation is not None:
+                factor[row, parity] = by_elevation, by_elevation[::-1]
+    both_ways = np.concatenate([factor[..., last - 1 : 0 : -1], factor[..., :last]], -1)
+    return np.lib.stride_tricks.sliding_window_view(both_ways, last, -1)[..., ::-1, :][..., first:last, :]
 
 
 def _slice_sums(
@@ -77,18 +87,22 @@ def _slice_sums(
         return xp.empty(shape, dtype=xp.float32, device=device)
 
     def single(array: NDArray) -> Any:
-        return xp.asarray(np.asarray(array, np.float32), device=device)
+        return xp.asarray(np.ascontiguousarray(array, np.float32), device=device)
 
-    total = xp.zeros((2, 4, 2, 2, rows, last), dtype=xp.float32, device=device)
     # buffers reused by all slices: fresh memory for each would cost more than the arithmetic
+    total = xp.zeros((2, 4, 2, 2, rows, last), dtype=xp.float32, device=device)
+    weighted_columns = empty(2, 2, 2, last, max(part.last - part.first for part in slices))
     products, terms = empty(2, 2, 2, 2 * rows, last), empty(4, 2, 2, rows, last)
     scaled = empty(2, 2, 2, rows, last)
     left = trig[:, :, first:last].reshape(2, 1, 1, 2 * rows, -1)
-    for part in slices:
+    factors = _by_distance(slices, first, last)
+    for part, factor in zip(slices, factors, strict=True):
         packets = slice(part.first, part.last)
         weight = channel[packets] * part.share
         columns = trig[:, :, :last, packets]
-        weighted = xp.stack([columns * single(np.real(weight)), columns * single(np.imag(weight))], 2)
+        weighted = weighted_columns[..., : part.last - part.first]
+        xp.multiply(columns, single(np.real(weight)), out=weighted[:, :, 0])
+        xp.multiply(columns, single(np.imag(weight)), out=weighted[:, :, 1])
         xp.matmul(left[..., packets], weighted.swapaxes(-1, -2), out=products)
         cos_cos, sin_cos = products[:, 0, :, :rows], products[:, 0, :, rows:]
         cos_sin, sin_sin = products[:, 1, :, :rows], products[:, 1, :, rows:]
@@ -96,12 +110,11 @@ def _slice_sums(
         xp.add(cos_sin, sin_cos, out=terms[1])
         xp.add(cos_cos, sin_sin, out=terms[2])
         xp.subtract(cos_sin, sin_cos, out=terms[3])
-        for parity, factor in enumerate((part.even, part.odd)):
-            if factor is None:
+        for parity, by_elevation in enumerate((part.even, part.odd)):
+            if by_elevation is None:
                 continue
-            # half a turn between α and β makes the elevation its complement
-            for pair, by_distance in ((slice(0, 2), factor), (slice(2, 4), factor[::-1])):
-                xp.multiply(terms[pair], single(_toeplitz(by_distance, first, last)), out=scaled)
+            for complement, pair in enumerate((slice(0, 2), slice(2, 4))):
+                xp.multiply(terms[pair], single(factor[parity, complement]), out=scaled)
                 total[parity, pair] += scaled
     return total
 
