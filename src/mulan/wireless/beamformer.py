@@ -60,7 +60,7 @@ def _by_distance(
 ) -> Float[NDArray, "slices parts complement m q"]:
     """Factors of all slices for first <= i < last and j < last, a view of few numbers.
 
-    They are even and odd parts at the elevation |i - j| and, with half a turn between α and β, its complement.
+    They are even and odd parts at the elevation |i - j| or, half a turn between α and β, its complement.
     """
     count = len(next(f for f in (slices[0].even, slices[0].odd) if f is not None))
     factor = np.zeros((len(slices), 2, 2, count), np.float32)

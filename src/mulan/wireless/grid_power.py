@@ -16,7 +16,8 @@ from mulan.wireless.quadrant_steering import quadrant_output
 
 _WORTH_INTERPOLATING = 0.75  # of the azimuths wanted; above it, computing them all costs less
 _SLICE_COST, _SHARE_COST = 3.0, 0.035  # of a slice and of a packet in one, in packets of quadrant_output
-_CHANNELS_AT_ONCE = 4  # bounds the memory of spherical waves
+_CHANNEL_COST = 0.05  # of a further channel in quadrant_output, in the same unit
+_CHANNELS_AT_ONCE = 8  # bounds the memory
 
 
 def _grid_directions(azimuth_count: int, elevation_count: int) -> Float[NDArray, "d 3"]:
@@ -33,7 +34,9 @@ def _plane_output(
 ) -> Any:
     """Plane waves on a grid of one step, by whichever way costs less; as ``beamformer_output``."""
     slices, shares = height_shares(float(np.ptp(phase_m[:, 2])))
-    if slices * _SLICE_COST + len(channel) * shares * _SHARE_COST < len(channel):
+    packets, channels = channel.shape
+    by_products = channels * (slices * _SLICE_COST + packets * shares * _SHARE_COST)
+    if by_products < packets * (1 + (channels - 1) * _CHANNEL_COST):
         return beamformer_output(phase_m, channel, azimuth_count, xp, device)
     return quadrant_output(phase_m, channel, azimuth_count, xp, device)
 
@@ -91,11 +94,11 @@ def grid_power(
     range_rad = None if range_m is None else range_m * wavenumber_rad_m
     columns, column_power = principal_channels(channel.reshape(len(channel), -1))
     power = xp.zeros((elevation_count, azimuth_count), dtype=xp.float32, device=device)
-    together = 1 if range_m is None else _CHANNELS_AT_ONCE
-    for start in range(0, columns.shape[1], together):
-        if start and len(channel) * column_power[start] < tolerance * float(power.max()):
-            break
-        part = columns[:, start : start + together]
+    start, stop = 0, 1
+    while start < stop:
+        part = columns[:, start:stop]
         output = _grid_output(phase_m, part, azimuth_count, elevation_count, range_rad, xp, device)
         power += (output**2).sum((0, 1))
+        worth = len(channel) * column_power > tolerance * float(power.max())
+        start, stop = stop, min(stop + _CHANNELS_AT_ONCE, int(np.count_nonzero(worth)))
     return power
