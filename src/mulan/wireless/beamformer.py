@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mulan.wireless.height_slices import HeightSlice, height_slices
 
-_ROWS_AT_ONCE = 48  # products commute: two blocks of rows save a quarter, more would cost what they save
+_ROWS_AT_ONCE = 48  # products commute: two blocks of rows save a quarter of the work
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ def beamformer_output(
     xp: Any = np,
     device: str = "cpu",
 ) -> Any:
-    """``Σ_k h_kc exp(-j p_k·u)`` in single precision, to 1e-5 of ``Σ_k |h_kc|``.
+    """``Σ_k h_kc exp(-j p_k·u)`` in single precision, to 5e-5 of ``Σ_k |h_kc|``.
 
     Args:
         phase_m: Positions times the wavenumber, about the middle of their range.

@@ -3,7 +3,7 @@
 ``exp(-j z sin e)`` depends on a packet's height and on the elevation only. Written as a sum over slices of
 (a real share of the packet) x (a function of the elevation), it leaves the horizontal part of the profile as
 one matrix product a slice. Nearly level paths need one to nine Chebyshev terms (Jacobi-Anger expansion);
-taller ones a grid of heights with a Kaiser-Bessel window, as in a non-uniform FFT (Beatty et al. 2005,
+higher ones a grid of heights with a Kaiser-Bessel window, as in a non-uniform FFT (Beatty et al. 2005,
 "Rapid gridding reconstruction with a minimal oversampling ratio").
 """
 
@@ -17,7 +17,7 @@ from scipy.special import i0, jv
 _WINDOW_SLICES = 6  # with twofold oversampling: 1e-5 of the amplitude
 _OVERSAMPLING = 2.0
 _MOST_TERMS = 9
-_LEAST_TERM = 1e-6
+_LEAST_TERM = 2e-5
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def height_shares(span_rad: float) -> tuple[int, int]:
 
 
 def height_slices(height_rad: Float[NDArray, "n"], sin_elevation: Float[NDArray, "e"]) -> list[HeightSlice]:
-    """The terms of ``exp(-j z sin e)``, to 1e-5.
+    """The terms of ``exp(-j z sin e)``, to 5e-5.
 
     Args:
         height_rad: Heights z times the wavenumber, ascending, about the middle of their range.

@@ -17,7 +17,7 @@ def bartlett_power_torch(
     elevation_count: int = 181,
     round_trip: bool = True,
     range_m: float | None = None,
-    tolerance: float = 1e-3,
+    tolerance: float = 1e-2,
     device: str = "cpu",
 ) -> Float[Tensor, "e a"]:
     """``profile.bartlett_power`` on a torch device, where the result stays."""
