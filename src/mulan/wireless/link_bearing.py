@@ -74,7 +74,7 @@ def link_aperture(run: WsrRun, link: WsrLink, source: DisplacementSource) -> tup
 def link_bearing(
     run: WsrRun, link: WsrLink, source: DisplacementSource, config: BearingConfig
 ) -> Bearing | None:
-    """The bearing from the moving robot to a static one, or None where the path or the packets do not allow any.
+    """The bearing from the moving robot to a static one; None where the path or the packets allow none.
 
     Raises:
         InputError: A direction is dead or nothing can be paired.

@@ -1,4 +1,4 @@
-"""A folder of recordings in the WSR layout: every sub-folder with ``npz/`` and ``reference.csv`` is one set."""
+"""A folder in the WSR layout: every sub-folder with ``npz/`` and ``reference.csv`` is one set."""
 
 import csv
 from collections.abc import Mapping
@@ -61,9 +61,7 @@ def link_sets(folder: Path) -> tuple[LinkSet, ...]:
         InputError: There are none, one has no recordings, or a reference.csv cannot be read.
     """
     found = [
-        path.parent
-        for path in sorted(Path(folder).glob("*/reference.csv"))
-        if (path.parent / "npz").is_dir()
+        path.parent for path in sorted(Path(folder).glob("*/reference.csv")) if (path.parent / "npz").is_dir()
     ]
     if not found:
         raise InputError(
