@@ -1,4 +1,4 @@
-"""Arrays of an .npz file, with its sizes checked before anything is decompressed and no pickle ever opened."""
+"""Arrays of an .npz file: sizes checked before anything is decompressed, and no pickle ever opened."""
 
 import io
 import lzma
@@ -25,8 +25,8 @@ def read_strict_npz(path: Path) -> dict[str, NDArray]:
     """All arrays of an .npz file.
 
     Raises:
-        InputError: Not a zip archive, damaged, larger than the limits above, or a member that is no plain array
-            of numbers or text (objects would need pickle).
+        InputError: Not a zip archive, damaged, larger than the limits above, or a member that is no plain
+            array of numbers or text (objects would need pickle).
     """
     try:
         with zipfile.ZipFile(path) as archive:

@@ -132,7 +132,7 @@ def read_wsr_run(path: Path, carrier_hz: float = CHANNEL_108_HZ) -> WsrRun:
         carrier_hz: Centre of the band, which the cards do not record.
 
     Raises:
-        InputError: The file or a member is missing, damaged, of another type or shape, not finite, or all zero.
+        InputError: The file or a member is missing, damaged, of other type or shape, not finite or all zero.
     """
     arrays = _Arrays(Path(path))
     names = _link_names(arrays)
