@@ -37,7 +37,7 @@ class Options:
     """Picture to write."""
     link: str = ""
     """Only this static robot of a run; of a bag, OBSERVER:PEER. All links (bags: all pairs) unless given."""
-    source: DisplacementSource = DisplacementSource.MOCAP
+    source: tyro.conf.EnumChoicesFromValues[DisplacementSource] = DisplacementSource.MOCAP
     """Of a run: where the moving antenna's path comes from."""
     at: float | None = None
     """Of a bag: draw each pair's bearing nearest to this many seconds after its first, not its sharpest."""
@@ -139,7 +139,8 @@ def print_hypotheses(drawn: Sequence[DrawnBearing]) -> None:
     for entry in drawn:
         mixture = azimuth_mixture(entry.bearing)
         arcs = ", ".join(f"{a:.1f}° … {b:.1f}°" for a, b in np.degrees(mixture.interval(0.95)))
-        line = f"{escape(entry.title)}: σ {np.degrees(mixture.sigma_azimuth_rad):.1f}°, 95 % in {arcs}"
+        sigma_deg = np.degrees(mixture.sigma_azimuth_rad)
+        line = f"{escape(entry.title)}: σ {sigma_deg:.1f}° with outliers, 95 % in {arcs}"
         if entry.true_azimuth_rad is not None:
             off = np.degrees(wrapped(np.array(mixture.mean_rad[0] - entry.true_azimuth_rad)))
             line += f"; truth {np.degrees(entry.true_azimuth_rad):.1f}°, error {off:+.1f}°"

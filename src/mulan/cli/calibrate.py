@@ -34,7 +34,7 @@ class Options:
     """Folder in the WSR layout: every sub-folder with npz/ and reference.csv is a set."""
     sets: tuple[str, ...] = ()
     """Only these sets; all unless given."""
-    source: DisplacementSource = DisplacementSource.T265
+    source: tyro.conf.EnumChoicesFromValues[DisplacementSource] = DisplacementSource.T265
     """Where the moving antenna's path comes from; a calibration is good for that kind of odometry."""
     truth: Literal["own_axes", "origin"] = "own_axes"
     """In the odometry's axes, as localization uses bearings, or in the world's, its unknown yaw included."""

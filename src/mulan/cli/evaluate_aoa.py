@@ -39,7 +39,7 @@ class Options:
     """Folder to write: metrics.json, links.csv and the pictures."""
     data: Path = field(default_factory=lambda: recordings() / "wsr_aoa")
     """Folder in the WSR layout: every sub-folder with npz/ and reference.csv is a set."""
-    sources: tuple[DisplacementSource, ...] = AoaProtocolConfig.sources
+    sources: tyro.conf.EnumChoicesFromValues[tuple[DisplacementSource, ...]] = AoaProtocolConfig.sources
     """Where the moving antenna's path comes from."""
     workers: int = AoaProtocolConfig.workers
     """Processes, of one thread each."""

@@ -19,7 +19,7 @@ _PEAK_NODES, _PEAK_SIGMAS = 100, 10.0
 
 def wrapped(angle_rad: Float[NDArray, "*b"]) -> Float[NDArray, "*b"]:
     """Angles in [-π, π)."""
-    return (np.asarray(angle_rad) + np.pi) % (2 * np.pi) - np.pi
+    return np.asarray((angle_rad + np.pi) % (2 * np.pi) - np.pi)
 
 
 def log_wrapped_gaussians(

@@ -53,7 +53,8 @@ class AzimuthCalibration:
         self, weight: Float[NDArray, "*n k"], outlier_mass: Float[NDArray, "*n"]
     ) -> tuple[Float[NDArray, "*n k"], Float[NDArray, "*n"]]:
         """Recalibrated weights and outlier masses; hypotheses of weight zero keep it."""
-        outlier = expit(logit(np.clip(outlier_mass, *_OUTLIER_BOUNDS)) + np.log(self.outlier_odds_factor))
+        odds = logit(np.clip(outlier_mass, *_OUTLIER_BOUNDS)) + np.log(self.outlier_odds_factor)
+        outlier = np.asarray(expit(odds))
         power = np.where(weight > 0, np.maximum(weight, 1e-300) ** self.weight_exponent, 0.0)
         return power / power.sum(-1, keepdims=True) * (1 - outlier)[..., None], outlier
 

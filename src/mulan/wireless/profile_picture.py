@@ -68,18 +68,17 @@ def _draw_polar(axes: PolarAxes, entry: DrawnBearing, profile: AoaProfile) -> No
                 solid_capstyle="butt",
                 label=label,
             )
-    for number, azimuth in enumerate(mixture.mean_rad):
-        weight = mixture.weight[number]
+    for azimuth, weight in zip(mixture.mean_rad, mixture.weight, strict=True):
         axes.plot([azimuth, azimuth], [0, 1.02], color=_OURS, lw=0.6 + 1.6 * float(weight))
-        axes.annotate(str(number + 1), (azimuth, 1.25), color=_OURS, ha="center", va="center", fontsize=9)
     if entry.true_azimuth_rad is not None:
         axes.plot([entry.true_azimuth_rad] * 2, [0, 1.16], color=_TRUTH, lw=1.8, ls="--", label="truth")
     axes.set_ylim(0, 1.18)
     axes.set_yticks([])
+    axes.set_thetagrids(range(0, 360, 45), [f"{(a + 179) % 360 - 179}°" for a in range(0, 360, 45)])
     axes.grid(alpha=0.3)
-    axes.tick_params(pad=12)
+    axes.tick_params(pad=8)
     axes.set_title(entry.title, fontsize=10, pad=14)
-    axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(-0.28, -0.12))
+    axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(-0.5, -0.1))
 
 
 def _draw_grid(figure: Figure, axes: Axes, entry: DrawnBearing, profile: AoaProfile) -> None:
