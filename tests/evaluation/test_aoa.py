@@ -111,15 +111,15 @@ def test_profile_of_a_run_is_drawn(folder, tmp_path, capsys):
 
 
 def test_calibration_is_fitted_saved_and_used(tmp_path, capsys):
-    root = write_folder(tmp_path / "data", places=8)
+    root = write_folder(tmp_path / "data", places=6)
     file = tmp_path / "calibration.json"
     arguments = ["--data", str(root), "--workers", "1"]
     assert (
-        run_command(["calibrate", *arguments, "--out", str(file), "--source", "mocap", "--folds", "4"]) == 0
+        run_command(["calibrate", *arguments, "--out", str(file), "--source", "mocap", "--folds", "6"]) == 0
     )
     assert file.with_suffix(".png").stat().st_size > 10_000
     record = json.loads(file.read_text())
-    assert record["held_out"]["links"] == 16
+    assert record["held_out"]["links"] == 12
     assert record["held_out"]["after"]["mean_nll"] <= record["held_out"]["before"]["mean_nll"] + 0.3
     one = tmp_path / "one"
     (one / "Set_X" / "npz").mkdir(parents=True)

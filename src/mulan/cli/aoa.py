@@ -74,8 +74,8 @@ def _truth_in_bag(mission: Mission, bearing: Bearing) -> float | None:
     if observer.ground_truth is None or peer.ground_truth is None:
         return None
     here, there = (
-        se3.interpolate(robot.ground_truth.time_s, robot.ground_truth.T_world_body, np.array([t]))[0]
-        for robot, t in ((observer, bearing.time_s), (peer, bearing.peer_time_s))
+        se3.interpolate(track.time_s, track.T_world_body, np.array([t]))[0]
+        for track, t in ((observer.ground_truth, bearing.time_s), (peer.ground_truth, bearing.peer_time_s))
     )
     to_odom = bearing.T_odom_body @ np.linalg.inv(here) @ there
     target = to_odom[:3, :3] @ peer.wifi_antenna_body_m + to_odom[:3, 3]

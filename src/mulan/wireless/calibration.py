@@ -75,7 +75,8 @@ class _Claims:
         sigma = np.hypot(calibration.sigma_scale * self.sigma_rad, floor).clip(1e-5, np.pi)
         weight, outlier = calibration.probabilities(self.weight, self.outlier_mass)
         log = log_wrapped_gaussians(true_azimuth_rad[:, None] - self.mean_rad, sigma)
-        return -float(np.mean(np.logaddexp(logsumexp(log, axis=1, b=weight), np.log(outlier / (2 * np.pi)))))
+        right = np.asarray(logsumexp(log, axis=1, b=weight))
+        return -float(np.mean(np.logaddexp(right, np.log(outlier / (2 * np.pi)))))
 
 
 def _claims(bearings: Sequence[Bearing]) -> _Claims:

@@ -83,10 +83,10 @@ def cross_validate(
     after: list[Bearing] = list(bearings)
     fitted = []
     for number in range(fold.max() + 1):
-        learn = np.flatnonzero(fold != number)
+        learn = np.flatnonzero(fold != number).tolist()
         calibration = fit_calibration([bearings[i] for i in learn], true_azimuth_rad[learn])
         fitted.append(calibration)
-        for i in np.flatnonzero(fold == number):
+        for i in np.flatnonzero(fold == number).tolist():
             after[i] = calibration.applied(bearings[i])
     return CrossValidation(
         tuple(place),

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
-from scipy.stats import spearmanr
+from scipy.stats import rankdata
 
 from mulan.evaluation.aoa.scored_link import FailedLink, ScoredLink
 
@@ -20,7 +20,7 @@ def rank_correlation(a: Float[NDArray, "n"], b: Float[NDArray, "n"]) -> float | 
     """Spearman's, or None where it is not defined."""
     if len(a) < 3 or np.ptp(a) == 0 or np.ptp(b) == 0:
         return None
-    return float(spearmanr(a, b).statistic)
+    return float(np.corrcoef(rankdata(a), rankdata(b))[0, 1])
 
 
 def _column(links: Sequence[ScoredLink], name: str) -> Float[NDArray, "n"]:
