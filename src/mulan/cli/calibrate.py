@@ -36,8 +36,8 @@ class Options:
     """Only these sets; all unless given."""
     source: tyro.conf.EnumChoicesFromValues[DisplacementSource] = DisplacementSource.T265
     """Where the moving antenna's path comes from; a calibration is good for that kind of odometry."""
-    truth: Literal["own_axes", "origin"] = "own_axes"
-    """In the odometry's axes, as localization uses bearings, or in the world's, its unknown yaw included."""
+    truth: Literal["origin", "own_axes"] = "origin"
+    """Azimuths in the world's axes, the odometry's unknown yaw included, or in the odometry's own."""
     folds: int = 10
     """Parts the places are dealt out to; each is judged by a calibration fitted on the others."""
     workers: int = AoaProtocolConfig.workers
