@@ -1,0 +1,1 @@
+"""Channel state as real cards and published recordings store it, read strictly."""
