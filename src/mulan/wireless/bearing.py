@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mulan.errors import InputError
 from mulan.mission.types import RobotLog
 from mulan.wireless.apertures import Aperture, ApertureConfig, find_apertures
+from mulan.wireless.calibration import AzimuthCalibration
 from mulan.wireless.channel import pair_packets
 from mulan.wireless.drift_tracking import tracked_peaks, tracked_weights
 from mulan.wireless.kappa_paper import kappa_paper
@@ -58,6 +59,8 @@ class BearingConfig:
     """Drift (percent, as a random walk) that widens sigma where the odometry reports no covariance."""
     smallest_sigma_rad: float = 0.002
     """Floor of a bearing's standard deviation: antenna calibration, packet and odometry clocks."""
+    calibration: AzimuthCalibration = field(default_factory=AzimuthCalibration)
+    """Learned corrections of what a bearing claims; none by default ('mulan calibrate' makes them)."""
 
 
 def range_during(observer: RobotLog, peer: RobotLog, aperture: Aperture) -> float | None:
@@ -173,7 +176,7 @@ def bearing_of_aperture(
     kappa = kappa_paper(
         profile, aperture.position_odom_m, aperture.wavelength_m, tolerance_rad=config.kappa_tolerance_rad
     )
-    return Bearing(
+    bearing = Bearing(
         observer=aperture.observer,
         peer=aperture.peer,
         time_s=float(aperture.time_s[aperture.reference]),
@@ -188,6 +191,7 @@ def bearing_of_aperture(
         profile=profile,
         origin_odom_m=aperture.position_odom_m.mean(0),
     )
+    return config.calibration.applied(bearing)
 
 
 def _sharpness(bearing: Bearing) -> float:
