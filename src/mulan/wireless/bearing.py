@@ -18,6 +18,7 @@ from mulan.wireless.drift_tracking import tracked_peaks, tracked_weights
 from mulan.wireless.kappa_paper import kappa_paper
 from mulan.wireless.odometry_drift import displacement_covariance
 from mulan.wireless.peak import SteeringModel, grid_peaks, refined_peaks, steering_model
+from mulan.wireless.principal_channels import principal_channels
 from mulan.wireless.profile import bartlett_power, unit_sum_profile
 from mulan.wireless.types import Bearing
 from mulan.wireless.uncertainty import hypothesis_weights, is_level, is_straight, sandwich_covariance
@@ -144,9 +145,12 @@ def bearing_of_aperture(
     )
     if is_straight(model):
         return None
-    channel = aperture.channel / np.abs(aperture.channel).mean()
+    # one path looks the same on all subcarriers: their strongest common component carries it, noise averaged
+    channel = principal_channels(aperture.channel)[0][:, 0]
+    amplitude = np.abs(channel).mean()
+    channel = channel / amplitude
     power = bartlett_power(
-        aperture.position_odom_m, channel, aperture.wavelength_m, config.azimuth_count, config.elevation_count
+        aperture.position_odom_m, aperture.channel / amplitude, aperture.wavelength_m, config.azimuth_count, config.elevation_count
     )
     level = is_level(model)
     searched = power.copy()
