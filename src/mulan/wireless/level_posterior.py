@@ -1,9 +1,10 @@
 """Hypotheses for the azimuth of a source seen from a level path, with weights that reflections do not fool.
 
-Real channels are one direct path, often not the strongest, among reflections that make the residual smooth over
-centimetres; the path itself may be scaled (visual odometry), and its frame turned. The posterior over azimuth,
-source distance and path scale is that of one path in noise of unknown level, ``(1 - share)^-looks``, where looks is
-the number of independent measurements the packets are worth. See docs/wireless.md for how its constants were chosen.
+Real channels are one direct path, often not the strongest, among reflections that make the residual smooth
+over centimetres; the path itself may be scaled (visual odometry), and its frame turned. The posterior over
+azimuth, source distance and path scale is that of one path in noise of unknown level, ``(1 - share)^-looks``,
+where looks is the number of independent measurements the packets are worth. Its constants were chosen on
+line-of-sight recordings (LOS_Set_A) only.
 """
 
 from dataclasses import dataclass

@@ -18,8 +18,8 @@ from mulan.wireless.types import Bearing
 _NO_CAMERA = PinholeCamera(1, 1, 1.0, 1.0, 0.5, 0.5)
 
 WSR_ANTENNA_BASE_M = np.array([0.0376, 0.1631, 0.0])
-"""Antenna in the wheels' frame of the WSR robot: one constant fitted over the 30 runs of LOS_Set_A against motion
-capture. With it the path is right to 1.2 mm RMS there; the T265's own positions to 13 mm."""
+"""Antenna in the wheels' frame of the WSR robot: one constant fitted over the 30 runs of LOS_Set_A against
+motion capture. With it the path is right to 1.2 mm RMS there; the T265's own positions to 13 mm."""
 
 T265_FRAME_YAW_SIGMA_RAD, T265_SCALE_SIGMA = 0.043, 0.1
 """Of a T265 that has just been started: turn of its path against the true one, and scale (LOS_Set_A)."""
@@ -103,7 +103,7 @@ def link_bearing(
 
 
 def _for_source(config: BearingConfig, source: DisplacementSource) -> BearingConfig:
-    """The options with what is known about a source's frame and scale; motion capture is what they are made for."""
+    """The options with what is known about a source's frame and scale; motion capture needs nothing more."""
     if source is DisplacementSource.MOCAP:
         return config
     frame_yaw_rad, scale_sigma = {
