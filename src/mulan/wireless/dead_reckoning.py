@@ -30,8 +30,8 @@ def wheels_along_heading(
         antenna_body_m: Antenna in the wheels' body frame (x ahead, y to the left).
 
     Returns:
-        Poses of the antenna at the heading's stamps, as far as the wheels were recorded; the path begins where
-        the wheels do, at the origin. It claims no covariance.
+        Poses of the antenna at the heading's stamps, as far as the wheels were recorded; the wheels'
+        first pose is the origin. It claims no covariance.
 
     Raises:
         ValueError: The two were not recorded at the same time.
