@@ -1,4 +1,4 @@
-"""From raw CSI of both directions to one round-trip channel a packet pair and subcarrier, free of clock offsets."""
+"""From raw CSI of both directions to a round-trip channel per packet pair, free of clock offsets."""
 
 from dataclasses import dataclass
 
