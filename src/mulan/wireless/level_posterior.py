@@ -1,9 +1,10 @@
 """Hypotheses for the azimuth of a source seen from a level path, with weights that reflections do not fool.
 
-Real channels are one direct path, often not the strongest, among reflections that make the residual smooth over
-centimetres; the path itself may be scaled (visual odometry), and its frame turned. The posterior over azimuth,
-source distance and path scale is that of one path in noise of unknown level, ``(1 - share)^-looks``, where looks is
-the number of independent measurements the packets are worth. See docs/wireless.md for how its constants were chosen.
+Real channels are one direct path, often not the strongest, among reflections that make the residual smooth
+over centimetres; the path itself may be scaled (visual odometry), and its frame turned. The posterior over
+azimuth, source distance and path scale is that of one path in noise of unknown level,
+``(1 - share)^-looks``, where looks is the number of independent measurements the packets are worth.
+docs/wireless.md tells how its constants were chosen.
 """
 
 from dataclasses import dataclass
@@ -31,7 +32,7 @@ class LevelPosteriorConfig:
     path_scale_sigma: float = 0.04
     """Standard deviation of the odometry's scale within an aperture; 0.05 for a visual-inertial one that has
     just been started. It also covers the cosine of the elevation."""
-    scatter_sigma_rad: float = 0.013
+    scatter_sigma_rad: float = 0.011
     """Turn of the odometry's frame against the true one and scatter close about the source, one sigma."""
     bold_looks: float = 100.0
     """Independent measurements an aperture is worth where reflections correlate its packets, at most."""

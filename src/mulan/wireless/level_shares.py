@@ -1,4 +1,4 @@
-"""How much of a channel one source in the plane of the path explains, over azimuth, distance and path scale."""
+"""How much of a channel one source level with the path explains, over azimuth, distance and path scale."""
 
 from dataclasses import dataclass
 
