@@ -2,9 +2,9 @@
 
 Real channels are one direct path, often not the strongest, among reflections that make the residual smooth
 over centimetres; the path itself may be scaled (visual odometry), and its frame turned. The posterior over
-azimuth, source distance and path scale is that of one path in noise of unknown level, ``(1 - share)^-looks``,
-where looks is the number of independent measurements the packets are worth. Its constants were chosen on
-line-of-sight recordings (LOS_Set_A) only.
+azimuth, source distance and path scale is that of one path in noise of unknown level,
+``(1 - share)^-looks``, where looks is the number of independent measurements the packets are worth.
+docs/wireless.md tells how its constants were chosen.
 """
 
 from dataclasses import dataclass
@@ -32,11 +32,11 @@ class LevelPosteriorConfig:
     path_scale_sigma: float = 0.04
     """Standard deviation of the odometry's scale within an aperture; 0.05 for a visual-inertial one that has
     just been started. It also covers the cosine of the elevation."""
-    scatter_sigma_rad: float = 0.013
+    scatter_sigma_rad: float = 0.014
     """Turn of the odometry's frame against the true one and scatter close about the source, one sigma."""
     bold_looks: float = 100.0
     """Independent measurements an aperture is worth where reflections correlate its packets, at most."""
-    cautious_looks: float = 40.0
+    cautious_looks: float = 30.0
     """The same if another path may be stronger than the direct one."""
     least_outlier_mass: float = 0.02
     """Floor of the probability that no hypothesis is right."""
@@ -90,7 +90,7 @@ def level_hypotheses(
     bold = min(float(len(channel)), max(config.bold_looks, independent_packets))
     cautious = bold * config.cautious_looks / config.bold_looks
     trusted = _posterior(shares, bold, config.path_scale_sigma)
-    rivalled = _rival_share(shares) ** 2
+    rivalled = _rival_share(shares) ** 3
     blend = (1 - rivalled) * trusted + rivalled * _posterior(shares, cautious, config.path_scale_sigma)
     modes = _modes(_smoothed(trusted, _SMOOTHING_RAD), config.hypotheses)
     likelihood = _smoothed(trusted, config.scatter_sigma_rad)[modes]
@@ -106,7 +106,7 @@ def _posterior(shares: LevelShares, looks: float, scale_sigma: float) -> Float[N
     return np.exp(marginal - logsumexp(marginal))
 
 
-def _apart_rad(a: Float[NDArray, "*x"], b: Float[NDArray, "*y"] | float) -> Float[NDArray, "*z"]:
+def _apart_rad(a: Float[NDArray, "*x"], b: Float[NDArray, "*x"] | float) -> Float[NDArray, "*x"]:
     return np.abs((a - b + np.pi) % (2 * np.pi) - np.pi)
 
 
@@ -129,7 +129,7 @@ def _modes(mass: Float[NDArray, "a"], count: int) -> Int[NDArray, "k"]:
     cell_rad = 2 * np.pi / len(mass)
     kept: list[int] = []
     for peak in peaks[np.argsort(-mass[peaks], kind="stable")]:
-        if (_apart_rad(np.array(kept, float) * cell_rad, float(peak) * cell_rad) > _BEAM_RAD).all():
+        if all(_apart_rad(np.array(peak * cell_rad), other * cell_rad) > _BEAM_RAD for other in kept):
             kept.append(int(peak))
         if len(kept) == count:
             break
