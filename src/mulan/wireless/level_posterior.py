@@ -106,7 +106,7 @@ def _posterior(shares: LevelShares, looks: float, scale_sigma: float) -> Float[N
     return np.exp(marginal - logsumexp(marginal))
 
 
-def _apart_rad(a: Float[NDArray, "*x"], b: Float[NDArray, "*x"] | float) -> Float[NDArray, "*x"]:
+def _apart_rad(a: Float[NDArray, "*x"], b: Float[NDArray, "*y"] | float) -> Float[NDArray, "*z"]:
     return np.abs((a - b + np.pi) % (2 * np.pi) - np.pi)
 
 
@@ -129,7 +129,7 @@ def _modes(mass: Float[NDArray, "a"], count: int) -> Int[NDArray, "k"]:
     cell_rad = 2 * np.pi / len(mass)
     kept: list[int] = []
     for peak in peaks[np.argsort(-mass[peaks], kind="stable")]:
-        if all(_apart_rad(np.array(peak * cell_rad), other * cell_rad) > _BEAM_RAD for other in kept):
+        if (_apart_rad(np.array(kept, float) * cell_rad, float(peak) * cell_rad) > _BEAM_RAD).all():
             kept.append(int(peak))
         if len(kept) == count:
             break

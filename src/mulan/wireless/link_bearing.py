@@ -21,9 +21,9 @@ WSR_ANTENNA_BASE_M = np.array([0.0376, 0.1631, 0.0])
 """Antenna in the wheels' frame of the WSR robot: one constant fitted over the 30 runs of LOS_Set_A against
 motion capture. With it the path is right to 1.2 mm RMS there; the T265's own positions to 13 mm."""
 
-T265_FRAME_YAW_SIGMA_RAD, T265_SCALE_SIGMA = 0.043, 0.1
+T265_FRAME_YAW_SIGMA_RAD, T265_SCALE_SIGMA = 0.043, 0.05
 """Of a T265 that has just been started: turn of its path against the true one, and scale (LOS_Set_A)."""
-HEADING_FRAME_YAW_SIGMA_RAD = 0.030
+HEADING_FRAME_YAW_SIGMA_RAD = 0.022
 """Of its heading alone (LOS_Set_A): how well the robot was set down along the motion-capture axes."""
 
 
