@@ -1,0 +1,1 @@
+"""Readers of public radio recordings, each strict about its one layout."""
