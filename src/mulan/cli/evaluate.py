@@ -8,7 +8,7 @@ from typing import Any, Literal
 import tyro
 from rich.table import Table
 
-from mulan.cli import evaluate_engine
+from mulan.cli import evaluate_engine, evaluate_uwb
 from mulan.cli.progress import console, progress_stages
 from mulan.cli.simulate import describe
 from mulan.errors import InputError
@@ -28,6 +28,7 @@ from mulan.wireless.bearing import BearingConfig
 EXPERIMENTS = {
     "engine": "Quality against training time, throughput and memory, beside torch and the peers.",
     "two-robot": "True poses, wireless poses, wireless poses with weights, on one mission.",
+    "uwb": "Likelihood and coverage of calibrated UWB ranges on held-out recordings.",
 }
 
 _TITLES = {
@@ -124,6 +125,8 @@ def main(arguments: Sequence[str]) -> int:
         )
     if name == "engine":
         return evaluate_engine.main(rest)
+    if name == "uwb":
+        return evaluate_uwb.main(rest)
     options = tyro.cli(TwoRobotOptions, args=rest, prog="mulan evaluate two-robot")
     two_robot(options)
     run = RunFolder(options.out)

@@ -92,7 +92,7 @@ def fit_range_model(samples: RangeSamples, config: RangeFitConfig | None = None)
         laws = tuple(LinkError(*map(float, row)) for row in zip(bias, sigma, late, tau, gross, strict=True))
         model = RangeModel(samples.links, (*laws, pooled), device, slope, reference, span, correlation_s)
         at_reference = error - slope * lever
-        parts = model._log_components(link, at_reference)
+        parts = model.log_components(link, at_reference)
         r_core, r_late, r_gross = np.exp(parts - np.logaddexp.reduce(parts, axis=0))
         detour, square = _posterior_detour(at_reference - bias[link], sigma[link], tau[link])
         r_in, precision = r_core + r_late, 1 / sigma[link] ** 2

@@ -34,12 +34,18 @@ class LinkError:
     gross_mass: float
     """Probability that the range tells nothing."""
 
+    @property
+    def outlier_mass(self) -> float:
+        """Prior probability of nonsense or of a detour beyond three core sigmas."""
+        return self.gross_mass + self.late_mass * float(np.exp(-3 * self.sigma_m / self.detour_m))
+
 
 @dataclass(frozen=True)
 class RangeModel:
     """Calibrated error law of every link; a link never seen gets its devices' biases and the pooled rest.
 
-    All methods take a link number per measurement (from ``link_numbers``) and are vectorised.
+    Methods take a link number a measurement (``link_number``; some also one law for all) and are vectorised.
+    The law of the unseen link has its devices' biases only through ``law``.
 
     Attributes:
         links: (device, device) of each law; order within a pair does not matter.
@@ -76,11 +82,16 @@ class RangeModel:
         device = sum(self.device_bias_m.get(name, 0.0) for name in (a, b))
         return LinkError(**{**asdict(law), "bias_m": law.bias_m + device})
 
-    def _terms(self, link: Int[NDArray, "n"]) -> dict[str, NDArray]:
+    def _terms(self, link: Int[NDArray, "n"] | LinkError) -> dict[str, NDArray]:
+        if isinstance(link, LinkError):
+            return {f.name: np.array(getattr(link, f.name)) for f in fields(LinkError)}
         return {f.name: np.array([getattr(x, f.name) for x in self.laws])[link] for f in fields(LinkError)}
 
-    def _log_components(
-        self, link: Int[NDArray, "n"], error_m: Float[NDArray, "n"], distance_sigma_m: float | NDArray = 0.0
+    def log_components(
+        self,
+        link: Int[NDArray, "n"] | LinkError,
+        error_m: Float[NDArray, "n"],
+        distance_sigma_m: float | NDArray = 0.0,
     ) -> Float[NDArray, "3 n"]:
         """Log of mass times density of core, detour and gross error; e about the reference distance."""
         t = self._terms(link)
@@ -90,8 +101,8 @@ class RangeModel:
         late = -np.log(tau) + sigma**2 / (2 * tau**2) - u / tau + log_ndtr(u / sigma - sigma / tau)
         gross = np.where(np.abs(error_m) <= self.span_m, -np.log(2 * self.span_m), -np.inf)
         with np.errstate(divide="ignore"):
-            masses = np.log([1 - t["late_mass"] - t["gross_mass"], t["late_mass"], t["gross_mass"]])
-        return masses + np.stack([core, late, gross])
+            masses = np.log(np.stack([1 - t["late_mass"] - t["gross_mass"], t["late_mass"], t["gross_mass"]]))
+        return masses.reshape(3, -1) + np.stack([core, late, gross])
 
     def _at_reference(self, error_m: NDArray, distance_m: NDArray) -> NDArray:
         return error_m - self.slope_per_m * (distance_m - self.reference_m)
@@ -99,9 +110,9 @@ class RangeModel:
     def log_density(
         self, link: Int[NDArray, "n"], range_m: Float[NDArray, "n"], distance_m: Float[NDArray, "n"]
     ) -> Float[NDArray, "n"]:
-        """log p(range | distance), per metre."""
+        """Log p(range | distance), per metre."""
         error = self._at_reference(range_m - distance_m, distance_m)
-        return np.logaddexp.reduce(self._log_components(link, error), axis=0)
+        return np.logaddexp.reduce(self.log_components(link, error), axis=0)
 
     def cdf(
         self, link: Int[NDArray, "n"], range_m: Float[NDArray, "n"], distance_m: Float[NDArray, "n"]
@@ -109,7 +120,7 @@ class RangeModel:
         """P(a range at this distance is shorter)."""
         error = self._at_reference(range_m - distance_m, distance_m)
         t = self._terms(link)
-        u, late = ndtr((error - t["bias_m"]) / t["sigma_m"]), self._log_components(link, error)[1]
+        u, late = ndtr((error - t["bias_m"]) / t["sigma_m"]), self.log_components(link, error)[1]
         gross = np.clip((error + self.span_m) / (2 * self.span_m), 0, 1)
         return (1 - t["gross_mass"]) * u - t["detour_m"] * np.exp(late) + t["gross_mass"] * gross
 
@@ -121,46 +132,49 @@ class RangeModel:
         level = np.ones(len(error))
         for number in np.unique(link):
             law, rows = self.laws[number], link == number
-            reach = np.geomspace(1e-3, 1, _GRID) * (2 * self.span_m + 20 * (law.sigma_m + law.detour_m))
+            reach = np.geomspace(1e-6, 1, _GRID) * (2 * self.span_m + 20 * (law.sigma_m + law.detour_m))
             edges = law.bias_m + np.r_[-reach[::-1], 0, reach]
             middle, width = (edges[1:] + edges[:-1]) / 2, np.diff(edges)
             of_link = np.full(len(middle), number)
-            density = np.logaddexp.reduce(self._log_components(of_link, middle), axis=0)
+            density = np.logaddexp.reduce(self.log_components(of_link, middle), axis=0)
             order = np.argsort(-density)
             mass = np.r_[0, np.cumsum(np.exp(density[order]) * width[order])]
-            own = np.logaddexp.reduce(self._log_components(link[rows], error[rows]), axis=0)
+            own = np.logaddexp.reduce(self.log_components(link[rows], error[rows]), axis=0)
             level[rows] = mass[np.searchsorted(-density[order], -own)]
         return np.minimum(level, 1.0)
 
     def outlier_probability(
         self,
-        link: Int[NDArray, "n"],
+        link: Int[NDArray, "n"] | LinkError,
         range_m: Float[NDArray, "n"],
         predicted_m: Float[NDArray, "n"],
         predicted_sigma_m: float | Float[NDArray, "n"] = 0.0,
-        detour_sigmas: float = 3.0,
+        longest_detour_m: float | None = None,
     ) -> Float[NDArray, "n"]:
-        """Probability that a range tells nothing or took a detour longer than ``detour_sigmas`` core sigmas.
+        """Probability that a range tells nothing or took a detour too long to be scatter.
 
         Args:
             link: Law of each.
             range_m: Measured.
             predicted_m: Distance known otherwise (a tracker, other antennas).
             predicted_sigma_m: Its standard deviation.
-            detour_sigmas: Shorter detours are part of the scatter.
+            longest_detour_m: Shorter detours are part of the scatter; None = three sigmas.
         """
         error = self._at_reference(range_m - predicted_m, predicted_m)
-        parts = self._log_components(link, error, predicted_sigma_m)
+        parts = self.log_components(link, error, predicted_sigma_m)
         total = np.logaddexp.reduce(parts, axis=0)
         known = np.isfinite(total)
         share = np.exp(parts - np.where(known, total, 0.0))
         t = self._terms(link)
         sigma = np.sqrt(t["sigma_m"] ** 2 + np.square(predicted_sigma_m))
         centre = error - t["bias_m"] - sigma**2 / t["detour_m"]
-        long = np.exp(log_ndtr(centre / sigma - detour_sigmas) - log_ndtr(centre / sigma))
+        bound = 3 * sigma if longest_detour_m is None else longest_detour_m
+        long = np.exp(log_ndtr((centre - bound) / sigma) - log_ndtr(centre / sigma))
         return np.where(known, np.clip(share[1] * long + share[2], 0, 1), 1.0)
 
-    def distance_m(self, link: Int[NDArray, "n"], range_m: Float[NDArray, "n"]) -> Float[NDArray, "n"]:
+    def distance_m(
+        self, link: Int[NDArray, "n"] | LinkError, range_m: Float[NDArray, "n"]
+    ) -> Float[NDArray, "n"]:
         """The range freed of its bias."""
         bias = self._terms(link)["bias_m"]
         return (range_m - bias + self.slope_per_m * self.reference_m) / (1 + self.slope_per_m)

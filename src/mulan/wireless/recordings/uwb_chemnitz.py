@@ -1,4 +1,4 @@
-"""The Labyrinth robot of TU Chemnitz: ranges behind walls, wheel odometry, truth (Pfeifer, libRSF ``Indoor_UWB``).
+"""The Labyrinth robot of TU Chemnitz: ranges behind walls, odometry, truth (Pfeifer, libRSF ``Indoor_UWB``).
 
 Text, one measurement a line, SI units, planar: ``range2 t range variance anchor_x anchor_y anchor_id snr``,
 ``odom2diff t v_right v_left v_y wheel_base cov cov cov`` and, in the truth, ``point2 t x y`` and covariances.
@@ -45,7 +45,9 @@ def _records(path: Path, kinds: tuple[str, ...]) -> dict[str, NDArray]:
     for number, line in enumerate(read_lines(path), start=1):
         kind, *words = line.split()
         if kind not in rows:
-            raise InputError(path, f"line {number}", f"kind '{kind[:30]}' is unknown", f"keep {', '.join(kinds)}")
+            raise InputError(
+                path, f"line {number}", f"kind '{kind[:30]}' is unknown", f"keep {', '.join(kinds)}"
+            )
         if len(words) != _FIELDS[kind]:
             raise InputError(
                 path, f"line {number}", f"{kind} has {len(words)} of {_FIELDS[kind]} values", "fetch it again"

@@ -1,4 +1,4 @@
-"""MURP: ranges between three agents of six antennas each, with motion capture (Fishberg, Quiter, How, RA-L 2024).
+"""MURP: ranges between three agents of six antennas, with motion capture (Fishberg, Quiter, How, RA-L 2024).
 
 One csv(.gz) a trial and pair, ``<trial>_base-<A>_targ-<B>_win-1_step-1.csv.gz``: 1 s moving averages at 1 Hz.
 """

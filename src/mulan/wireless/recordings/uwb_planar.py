@@ -1,7 +1,7 @@
 """Eight anchors, three tags on a trolley, motion capture (CUHK-Shenzhen planar data set, Haodong Jiang 2023).
 
 Ranges: date-time and 24 columns a0-t0, a0-t1, a0-t2, a1-t0, ... a7-t2. Poses: date-time, x, y, z, q1..q4. The
-quaternion is (w, x, y, z) of a body whose z points down, so the heading that fits the ranges is 2 atan2(q3, q2).
+quaternion is (w, x, y, z) of a body whose z points down: the heading that fits the ranges is 2 atan2(q3, q2).
 """
 
 from dataclasses import dataclass
@@ -106,7 +106,9 @@ def _table(path: Path, columns: int, header: bool, gaps: bool) -> tuple[NDArray,
             continue
         words = line.split(",")
         if len(words) != columns + 1:
-            raise InputError(path, f"line {number}", f"has not a time and {columns} numbers", "fetch it again")
+            raise InputError(
+                path, f"line {number}", f"has not a time and {columns} numbers", "fetch it again"
+            )
         try:
             stamp = datetime.strptime(words[0].strip(), _STAMP).replace(tzinfo=UTC)
         except ValueError:

@@ -1,4 +1,4 @@
-"""Ranges of one recording beside the distances that were true, and the strict table reading the readers share."""
+"""Ranges of one recording beside the true distances, and the strict reading the UWB readers share."""
 
 import gzip
 from collections.abc import Sequence
@@ -96,7 +96,9 @@ def finite_numbers(path: Path, line_number: int, words: Sequence[str]) -> list[f
     try:
         numbers = [float(word) for word in words]
     except ValueError as error:
-        raise InputError(path, f"line {line_number}", f"holds something that is no number ({error})", _REMEDY) from None
+        raise InputError(
+            path, f"line {line_number}", f"holds something that is no number ({error})", _REMEDY
+        ) from None
     if not np.isfinite(numbers).all():
         raise InputError(path, f"line {line_number}", "holds a number that is not finite", _REMEDY)
     return numbers
@@ -112,7 +114,9 @@ def check_ranges(path: Path, range_m: Float[NDArray, "..."]) -> None:
         raise InputError(path, "ranges", "there are none", "give a recording that holds ranges")
     if range_m.min() < 0 or range_m.max() > LONGEST_RANGE_M:
         worst = range_m.min() if range_m.min() < 0 else range_m.max()
-        raise InputError(path, "ranges", f"{worst:g} m is no range", "check the column order and the unit (metres)")
+        raise InputError(
+            path, "ranges", f"{worst:g} m is no range", "check the column order and the unit (metres)"
+        )
 
 
 _REMEDY = "fetch the recording again or remove the line"
