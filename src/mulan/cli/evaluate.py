@@ -8,7 +8,7 @@ from typing import Any, Literal
 import tyro
 from rich.table import Table
 
-from mulan.cli import evaluate_aoa, evaluate_engine
+from mulan.cli import evaluate_aoa, evaluate_aoa_metric, evaluate_aoa_simulation, evaluate_engine
 from mulan.cli.progress import console, progress_stages
 from mulan.cli.simulate import describe
 from mulan.errors import InputError
@@ -27,6 +27,8 @@ from mulan.wireless.bearing import BearingConfig
 
 EXPERIMENTS = {
     "aoa": "Angle of arrival on recorded links with known geometry, beside the authors' results.",
+    "aoa-metric": "The paper's two figures of its AoA metric, beside our sigma on the same trials.",
+    "aoa-simulation": "Bearings from simulated links, against theory and the paper's metric.",
     "engine": "Quality against training time, throughput and memory, beside torch and the peers.",
     "two-robot": "True poses, wireless poses, wireless poses with weights, on one mission.",
 }
@@ -125,6 +127,10 @@ def main(arguments: Sequence[str]) -> int:
         )
     if name == "aoa":
         return evaluate_aoa.main(rest)
+    if name == "aoa-metric":
+        return evaluate_aoa_metric.main(rest)
+    if name == "aoa-simulation":
+        return evaluate_aoa_simulation.main(rest)
     if name == "engine":
         return evaluate_engine.main(rest)
     options = tyro.cli(TwoRobotOptions, args=rest, prog="mulan evaluate two-robot")
