@@ -8,7 +8,13 @@ from typing import Any, Literal
 import tyro
 from rich.table import Table
 
-from mulan.cli import evaluate_aoa, evaluate_engine, evaluate_uwb
+from mulan.cli import (
+    evaluate_aoa,
+    evaluate_aoa_metric,
+    evaluate_aoa_simulation,
+    evaluate_engine,
+    evaluate_uwb,
+)
 from mulan.cli.progress import console, progress_stages
 from mulan.cli.simulate import describe
 from mulan.errors import InputError
@@ -27,9 +33,19 @@ from mulan.wireless.bearing import BearingConfig
 
 EXPERIMENTS = {
     "aoa": "Angle of arrival on recorded links with known geometry, beside the authors' results.",
+    "aoa-metric": "The paper's two figures of its AoA metric, beside our sigma on the same trials.",
+    "aoa-simulation": "Bearings from simulated links, against theory and the paper's metric.",
     "engine": "Quality against training time, throughput and memory, beside torch and the peers.",
     "two-robot": "True poses, wireless poses, wireless poses with weights, on one mission.",
     "uwb": "Likelihood and coverage of calibrated UWB ranges on held-out recordings.",
+}
+
+_OF_THEIR_OWN = {
+    "aoa": evaluate_aoa.main,
+    "aoa-metric": evaluate_aoa_metric.main,
+    "aoa-simulation": evaluate_aoa_simulation.main,
+    "engine": evaluate_engine.main,
+    "uwb": evaluate_uwb.main,
 }
 
 _TITLES = {
@@ -124,12 +140,8 @@ def main(arguments: Sequence[str]) -> int:
         raise InputError(
             "mulan evaluate", f"experiment '{name}'", "is unknown", f"choose from {', '.join(EXPERIMENTS)}"
         )
-    if name == "aoa":
-        return evaluate_aoa.main(rest)
-    if name == "engine":
-        return evaluate_engine.main(rest)
-    if name == "uwb":
-        return evaluate_uwb.main(rest)
+    if name in _OF_THEIR_OWN:
+        return _OF_THEIR_OWN[name](rest)
     options = tyro.cli(TwoRobotOptions, args=rest, prog="mulan evaluate two-robot")
     two_robot(options)
     run = RunFolder(options.out)

@@ -1,0 +1,1 @@
+"""The bearing estimator on simulated links, against theory and the paper's metric."""
