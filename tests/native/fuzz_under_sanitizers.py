@@ -109,7 +109,7 @@ def encode_points(
 
 
 def gather(library: NativeLibrary, rng: np.random.Generator, n: int) -> None:
-    """Rays of pixels of photographs of one camera or several; then a pixel, an image and a shift out of range."""
+    """Rays of pixels of photographs of one camera or several; then a pixel, image and shift out of range."""
     pixels, images = int(rng.integers(1, 400)), int(rng.integers(1, 5))
     image = np.sort(rng.integers(0, images, pixels)).astype(np.int32)
     # the images share the camera of as many pixels as the largest has, or each has its own
