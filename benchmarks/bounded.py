@@ -32,6 +32,7 @@ from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.trainer import next_rays
 
 EVERY, VALIDATION = 8, 4
+CORES = 2  # whose time budget the CPU time stands for, however many threads there are
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,8 @@ def split_training_views(data: Path, longest_side: int) -> Split:
 
 def run(variant: Variant, split: Split, size: int, budget_cpu_s: float, seed: int, threads: int) -> dict:
     space = choose_space(split.train)
-    quick = TrainConfig(time_budget_s=budget_cpu_s / threads).quick
+    config = TrainConfig(image_size=size, time_budget_s=budget_cpu_s / CORES, **variant.train)
+    quick = config.quick
     march = replace(choose_march(size, space.unbounded, quick), **variant.march)
     grid = NativeGridConfig(**variant.grid)
     engine = NativeEngine(
@@ -133,10 +135,7 @@ def run(variant: Variant, split: Split, size: int, budget_cpu_s: float, seed: in
         native=NativeConfig(threads=threads, occupancy=grid),
     )
     data, validation = ImageTensors(split.train), ImageTensors(split.validation)
-    config, sampler = (
-        TrainConfig(time_budget_s=budget_cpu_s / threads, **variant.train),
-        torch.Generator().manual_seed(seed + 1),
-    )
+    sampler = torch.Generator().manual_seed(seed + 1)
     rays, steps, samples, spent_s, all_rays = 256, 0, 0, 0.0, 0
     while spent_s < budget_cpu_s:
         began = time.process_time()
