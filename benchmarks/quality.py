@@ -166,7 +166,8 @@ def run(photographs: Photographs, options: Options, idea: Idea, seed: int) -> di
     """Train once; PSNR of the validation views and CPU seconds of the training."""
     space = choose_space(photographs.train)
     sizes = choose_field(options.image_size, len(photographs.train), space.unbounded)
-    config, rays, mean = replace(idea.config, steps=options.steps), 256, None
+    config = replace(idea.config, image_size=options.image_size, steps=options.steps)
+    rays, mean = 256, None
     march = choose_march(options.image_size, space.unbounded, config.quick)
     optimiser = replace(choose_optimiser(space.unbounded, config.quick), **idea.optimiser)
     engine = NativeEngine(sizes, march, space, not space.unbounded, seed, optimiser)

@@ -14,7 +14,9 @@ from mulan.radiance.kernels.native_structures import (
     NativeGradients,
     NativeObjective,
     NativeParameters,
+    NativePixels,
     NativePoses,
+    NativeRayBatch,
     NativeRays,
     NativeRendering,
     NativeStepReport,
@@ -67,6 +69,7 @@ def run(library: NativeLibrary, workspace: int, rng: np.random.Generator, case: 
     encode_points(library, workspace, parameters, case, odd_rays(rng, case.scene, n)[0])
     arrays = (at(x) for x in (directions, *gradients[2:]))
     check(c.mulan_pose_gradients(n, *arrays, poses))
+    gather(library, rng, n)
 
 
 def march_and_sample(
@@ -103,6 +106,43 @@ def encode_points(
     check(c.mulan_harmonics(field.harmonics_degree, n, at(points), at(harmonics)))
     arrays = at(points), at(harmonics), at(back)
     check(c.mulan_harmonics_backward(field.harmonics_degree, n, *arrays))
+
+
+def gather(library: NativeLibrary, rng: np.random.Generator, n: int) -> None:
+    """Rays of pixels of photographs of one camera or several; then a pixel, image and shift out of range."""
+    pixels, images = int(rng.integers(1, 400)), int(rng.integers(1, 5))
+    image = np.sort(rng.integers(0, images, pixels)).astype(np.int32)
+    # the images share the camera of as many pixels as the largest has, or each has its own
+    starts = np.searchsorted(image, np.arange(images))
+    shared = rng.random() < 0.5
+    rows = int(np.bincount(image).max()) if shared else pixels
+    shift = -starts if shared else np.zeros(images, np.int64)
+    shift = np.ascontiguousarray(shift, np.int64)
+    directions, T = rng.normal(size=(rows, 3)).astype(np.float32), rng.random((images, 4, 4), np.float32)
+    directions[rng.random(rows) < 0.1] = rng.choice(np.array([0, np.nan, np.inf, 1e30], np.float32))
+    colours, opacity = rng.integers(0, 256, (pixels, 3), np.uint8), rng.integers(0, 256, pixels, np.uint8)
+    weights, cut_out = rng.random(pixels, np.float32), rng.random() < 0.5
+    drawn = rng.integers(0, pixels, n)
+    vectors, image_of = [np.zeros((n, 3), np.float32) for _ in range(3)], np.zeros(n, np.int64)
+    scalars = [np.zeros(n, np.float32) for _ in range(2)]
+    table = NativePixels(pixels, images, rows, at(colours), at(opacity) if cut_out else None, at(weights))
+    table.image, table.camera_directions = at(image), at(directions)
+    table.direction_shift, table.T_world_camera = at(shift), at(T)
+    out = NativeRayBatch(*(at(x) for x in vectors), at(scalars[0]), at(image_of), at(scalars[1]))
+    gather_rays = library.functions.mulan_gather_rays
+    check(gather_rays(table, n, at(drawn), out))
+    assert (image_of == image[drawn]).all()
+    if n == 0:
+        return
+    for array, entry, wrong in (
+        (drawn, 0, pixels),
+        (image, drawn[-1], images),
+        (shift, image[drawn[-1]], rows),
+    ):
+        before, far = array[entry], array.dtype.type(rng.choice([-1, 1]) * 2**30)
+        for array[entry] in (wrong, far):
+            assert gather_rays(table, n, at(drawn), out) != 0
+        array[entry] = before
 
 
 def main() -> None:

@@ -13,7 +13,9 @@ from mulan.radiance.kernels.native_structures import (
     NativeGradients,
     NativeObjective,
     NativeParameters,
+    NativePixels,
     NativePoses,
+    NativeRayBatch,
     NativeRays,
     NativeRendering,
     NativeStepReport,
@@ -54,6 +56,8 @@ class Calls:
         self.rendering = NativeRendering(*(floats(1000) for _ in range(4)))
         self.parameters = NativeParameters(at(self.case.table), at(self.case.networks))
         self.poses = NativePoses(self.n, self._integers(self.n), a, floats(100))
+        pixels = NativePixels(self.n, 1, self.n, a, a, a, a, a, a, a)
+        self.pixels, self.ray_batch = pixels, NativeRayBatch(*(floats(100) for _ in range(6)))
         self.arguments = self._arguments(floats)
 
     @staticmethod
@@ -89,6 +93,7 @@ class Calls:
             "mulan_occupancy_refresh": [w, field, scene, p, 0.9, 1, 1, 0, 5, occupied, f(1000)],
             "mulan_occupancy_pack": [8, 1, occupied, f(100), f(3), f(3)],
             "mulan_pose_gradients": [n, a, a, a, self.poses],
+            "mulan_gather_rays": [self.pixels, n, self._integers(n), self.ray_batch],
             "mulan_encode": [field, table, n, a, f(1000)],
             "mulan_encode_backward": [field, table, n, a, a, f(200_000), f(1000)],
             "mulan_harmonics": [3, n, a, f(1000)],
@@ -142,10 +147,14 @@ def test_a_missing_array_within_a_structure(calls: Calls) -> None:
         (calls.parameters, ("mulan_render", "mulan_density", "mulan_occupancy_refresh")),
         (calls.gradients, ("mulan_gradients",)),
         (calls.poses, ("mulan_train_step", "mulan_pose_gradients")),
+        (calls.pixels, ("mulan_gather_rays",)),
+        (calls.ray_batch, ("mulan_gather_rays",)),
         (calls.case.occupancy, ("mulan_render", "mulan_march")),
     ):
         for field, kind, *_ in structure._fields_:
             if kind is not ctypes.c_void_p or field in ("colour_gradient", "backgrounds"):
+                continue
+            if structure is calls.pixels and field == "opacity":
                 continue
             without = copy(structure)
             setattr(without, field, None)
@@ -205,6 +214,14 @@ def test_an_image_that_does_not_exist(calls: Calls) -> None:
     for name in ("mulan_pose_gradients", "mulan_train_step"):
         arguments = [fewer if x is calls.poses else x for x in calls.arguments[name]]
         assert calls.status(name, arguments) == REFUSED
+
+
+def test_a_pixel_image_or_direction_that_does_not_exist(calls: Calls) -> None:
+    pixels, n, drawn, batch = calls.arguments["mulan_gather_rays"]
+    for member, value in (("pixels", calls.n - 1), ("images", 0), ("directions", calls.n - 1), ("pixels", 0)):
+        fewer = copy(pixels)
+        setattr(fewer, member, value)
+        assert calls.status("mulan_gather_rays", [fewer, n, drawn, batch]) == REFUSED, member
 
 
 @pytest.mark.parametrize("threads", [-1, 1025, 2**31 - 1])

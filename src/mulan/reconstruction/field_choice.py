@@ -42,8 +42,8 @@ def choose_march(
 
     Unbounded rays stop at a hundredth of their light, and cells thinner than the thinnest sample that counts
     are skipped: both were compared by ``benchmarks/unbounded.py``. So are those of an object in a quick
-    training (:attr:`TrainConfig.quick`), with fewer steps; a long one would lose detail by it
-    (``benchmarks/bounded.py``).
+    training (:attr:`TrainConfig.quick`), with fewer steps if the pictures are small; a long one would lose
+    detail by it (``benchmarks/bounded.py``).
     """
     steps = 1024 if on_gpu else 256 if longest_side <= 160 else 384
     grid = 128 if on_gpu else MarchConfig.occupancy_resolution
@@ -51,7 +51,8 @@ def choose_march(
     if unbounded:
         return replace(march, occupancy_threshold=march.least_opacity, min_transmittance=1e-2)
     if quick and not on_gpu:
-        return MarchConfig(steps=steps * 3 // 4, occupancy_threshold=0.03, min_transmittance=1e-3)
+        steps = steps * 3 // 4 if longest_side <= 160 else steps
+        return MarchConfig(steps=steps, occupancy_threshold=0.03, min_transmittance=1e-3)
     return march
 
 

@@ -10,7 +10,8 @@ from tyro.conf import EnumChoicesFromValues, arg
 from mulan.radiance.backend import Device
 from mulan.radiance.config import FieldConfig, MarchConfig
 
-FIRST_OBJECT_BATCH = 4096  # samples, of a quick training
+# of a quick training of pictures of 100 pixels a side; they grow with the number of a picture's pixels
+FIRST_OBJECT_BATCH = 4096  # samples
 QUICK_S, QUICK_STEPS = 20.0, 2500
 
 
@@ -59,8 +60,18 @@ class TrainConfig:
 
     @property
     def quick(self) -> bool:
-        """Whether the rough shape matters more than the last detail (``benchmarks/bounded.py``)."""
-        return self.time_budget_s <= QUICK_S if self.steps is None else self.steps <= QUICK_STEPS
+        """Whether the rough shape matters more than the last detail: little time for each pixel of a picture.
+
+        Bounds from ``benchmarks/bounded.py``.
+        """
+        if self.steps is None:
+            return self.time_budget_s <= QUICK_S * self._pixels
+        return self.steps <= QUICK_STEPS * self._pixels
+
+    @property
+    def _pixels(self) -> float:
+        """Of a picture, in those of one of 100 pixels a side; at least 1."""
+        return max(self.image_size / 100, 1.0) ** 2
 
     def what_is_learnt(self) -> dict[str, Any]:
         """The options the result depends on, not those on reports and files."""
@@ -88,5 +99,5 @@ class TrainConfig:
         last, first = self.samples_a_batch(on_gpu), self.first_batch_samples
         if first is None:
             grows = self.quick and not (unbounded or on_gpu)
-            first = min(FIRST_OBJECT_BATCH, last) if grows else last
+            first = min(round(FIRST_OBJECT_BATCH * self._pixels), last) if grows else last
         return round(first * (last / first) ** fraction_done)

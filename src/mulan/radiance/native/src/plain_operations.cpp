@@ -70,7 +70,12 @@ int32_t mulan_pose_gradients(int64_t rays, const float* directions, const float*
 }
 
 int32_t mulan_gather_rays(const MulanPixels* p, int64_t rays, const int64_t* pixel, const MulanRayBatch* out) {
-    if (!p || !out || rays < 0 || (p->opacity && !out->opacity) || (rays > 0 && (!pixel || p->pixels < 1))) return MULAN_BAD_ARGUMENT;
+    if (!p || !out || rays < 0 || (p->opacity && !out->opacity)) return MULAN_BAD_ARGUMENT;
+    if (rays == 0) return MULAN_OK;
+    if (!pixel || p->pixels < 1 || !p->colours || !p->weights || !p->image || !p->camera_directions ||
+        !p->direction_shift || !p->T_world_camera || !out->origins || !out->directions || !out->colours ||
+        !out->weights || !out->image_index)
+        return MULAN_BAD_ARGUMENT;
     for (int64_t r = 0; r < rays; ++r)
         if (pixel[r] < 0 || pixel[r] >= p->pixels) return MULAN_BAD_ARGUMENT;
     constexpr int64_t ahead = 8;  // pixels are drawn at random: each would wait for memory several times

@@ -4,7 +4,7 @@
 // The result does not depend on the number of threads: tiles are cut by the rays alone, every sum is taken in a fixed
 // order (within a tile, over groups of tiles, over the tiles of a level), and no two threads add to one number.
 #include "adam.h"
-#include "loss.h"
+#include "pixels.h"
 #include "reach.h"
 #include "setup.h"
 
@@ -16,14 +16,6 @@ constexpr int gradient_groups = 32;      // networks' gradients summed apart, th
 constexpr int encoded_at_once = 2048;    // samples of some tiles, level after level
 constexpr int64_t wave_samples = 1 << 20;  // bounds memory: rays beyond it wait for the next wave
 
-struct TileRange {
-    int32_t first_ray, rays;  // in the list of rays with samples
-    int64_t scatter_at;       // first row of the tile in the scatter arrays
-    int32_t kept;
-    int64_t marched;
-    double loss, squared_error;
-};
-
 struct Learn {
     MulanWorkspace& w;
     const MulanField& field;
@@ -31,14 +23,14 @@ struct Learn {
     const MulanOccupancy& occupancy;
     const MulanRays& rays;
     const MulanObjective& objective;
+    const Pixels& pixels;
     const MulanRendering* rendering;
     float *origin_gradient, *direction_gradient;
     bool parameters_wanted;
 
-    March march;
+    const March& march;
     Networks networks;
     Tiles tiles;
-    float inverse_weight;
     const float* table;
 
     // of the wave
@@ -55,12 +47,6 @@ struct Learn {
     float* scatter = nullptr;  // [levels, samples, 2]
     int64_t scatter_capacity = 0;
 
-    // The first of a pixel's rays speaks for all.
-    int64_t first_of_pixel(int64_t ray) const { return ray - ray % objective.rays_a_pixel; }
-    bool ignored(int64_t ray) const {
-        return !objective.colour_gradient && !(objective.weights[first_of_pixel(ray)] > 0);
-    }
-
     void find_samples(int64_t first, int count) {
         const int steps = scene.steps;
         parallel_for(w, (count + rays_at_once - 1) / rays_at_once, [&](int64_t chunk, int) {
@@ -68,7 +54,7 @@ struct Learn {
             for (int i = begin; i < end; ++i) {
                 const int64_t ray = first + i;
                 counts[i] = 0;
-                if (ignored(ray)) continue;
+                if (pixels.ignored(ray)) continue;
                 RayMarch walk(march, rays.origins + 3 * ray, rays.directions + 3 * ray, ray_jitter(rays, ray));
                 counts[i] = walk.collect(march, t + (int64_t)i * steps, steps);
             }
@@ -104,31 +90,6 @@ struct Learn {
             }
         }
         scatter_capacity = (at + in_tile) / row_padding * row_padding + 2 * row_padding;
-    }
-
-    void finish_ray(int64_t ray, float opacity, float moment, const float colour[3], float variance) const {
-        if (!rendering) return;
-        for (int c = 0; c < 3; ++c) rendering->colour[3 * ray + c] = colour[c];
-        rendering->depth_m[ray] = moment / larger(opacity, 1e-10f);
-        rendering->opacity[ray] = opacity;
-        rendering->variance[ray] = variance;
-    }
-
-    const float* background(int64_t ray) const {
-        return objective.backgrounds ? objective.backgrounds + 3 * ray : scene.background;
-    }
-
-    // share: of the whole loss.
-    RayLoss judge(int64_t ray, float share, const float colour[3], float variance) const {
-        if (!objective.colour_gradient)
-            return pixel_loss(objective, objective.colours + 3 * ray, share, colour, variance);
-        RayLoss given;
-        for (int c = 0; c < 3; ++c) given.colour_gradient[c] = objective.colour_gradient[3 * ray + c];
-        return given;
-    }
-
-    float share_of_ray(int64_t ray) const {
-        return objective.colour_gradient ? 0 : objective.weights[first_of_pixel(ray)] * inverse_weight;
     }
 
     // The tile's scratch memory, with the samples of a range in place of its own.
@@ -196,7 +157,7 @@ struct Learn {
         evaluate_colour(e, tile, n);
         const bool head = rendering || objective.likelihood || (parameters_wanted && objective.variance_weight > 0);
         if (head) evaluate_variance(e, tile, n);
-        for (int slot = 0; slot < range.rays;) slot = learn_pixel(range, tile, slot, head);
+        for (int slot = 0; slot < range.rays;) slot = pixels.learn_pixel(range, tile, slot, head);
         backpropagate(e, tile, n, range.rays, objective.likelihood, padded);
         range.kept = n;
         if (padded) {
@@ -204,80 +165,6 @@ struct Learn {
             keep_for_scatter(range, tile, n);
         }
         if (origin_gradient) ray_gradients(e, range, tile, n);
-    }
-
-    // The mean colour of a pixel's rays (of those without samples the background), its loss, and the gradient of that
-    // to their samples; returns the slot of the next pixel.
-    int learn_pixel(TileRange& range, Tile& tile, int slot, bool head) {
-        const int64_t first = first_of_pixel(tile.ray_id[slot]);
-        const float rays_a_pixel = (float)objective.rays_a_pixel;
-        float colour[3] = {}, variance = 0;
-        int end = slot;
-        for (; end < range.rays && tile.ray_id[end] < first + objective.rays_a_pixel; ++end)
-            composite_ray(tile, end, head, colour, variance);
-        const float empty = rays_a_pixel - (float)(end - slot), *behind = background(first);
-        for (int c = 0; c < 3; ++c) colour[c] = (colour[c] + empty * behind[c]) / rays_a_pixel;
-        RayLoss r = judge(first, rays_a_pixel * share_of_ray(first), colour, variance / rays_a_pixel);
-        range.loss += r.loss;
-        range.squared_error += rays_a_pixel * r.squared_error;
-        for (int c = 0; c < 3; ++c) r.colour_gradient[c] /= rays_a_pixel;
-        r.variance_gradient /= rays_a_pixel;
-        for (int k = slot; k < end; ++k) ray_backward(range, tile, k, r);
-        return end;
-    }
-
-    // Adds one ray's colour and variance to its pixel's.
-    void composite_ray(const Tile& tile, int slot, bool head, float pixel_colour[3], float& pixel_variance) const {
-        const int first = tile.first[slot], kept = tile.kept[slot];
-        float colour[3] = {}, opacity = 0, moment = 0, variance = 0;
-        for (int k = first; k < first + kept; ++k) {
-            const float blend = tile.blend[k];
-            for (int c = 0; c < 3; ++c) colour[c] += blend * tile.colour[3 * k + c];
-            opacity += blend;
-            moment += blend * tile.t[k];
-            if (head) variance += blend * blend * tile.variance[k];
-        }
-        const float* behind = background(tile.ray_id[slot]);
-        for (int c = 0; c < 3; ++c) colour[c] += (1 - opacity) * behind[c];
-        finish_ray(tile.ray_id[slot], opacity, moment, colour, variance);
-        for (int c = 0; c < 3; ++c) pixel_colour[c] += colour[c];
-        pixel_variance += variance;
-    }
-
-    // From the gradient to a ray's colour and variance to its samples, with what its samples cost by themselves.
-    void ray_backward(TileRange& range, Tile& tile, int slot, const RayLoss& r) const {
-        const int first = tile.first[slot], kept = tile.kept[slot];
-        const float share = share_of_ray(tile.ray_id[slot]);
-        const float* behind = background(tile.ray_id[slot]);
-        float opacity_gradient = 0;
-        if (objective.entropy_weight > 0) {
-            float opacity = 0;
-            for (int k = 0; k < kept; ++k) opacity += tile.blend[first + k];
-            range.loss += opacity_loss(objective, share, opacity, opacity_gradient);
-        }
-        float* to_blend = tile.d_depth + first;
-        for (int k = 0; k < kept; ++k) {
-            const float* sample = tile.colour + 3 * (first + k);
-            to_blend[k] = opacity_gradient;
-            for (int c = 0; c < 3; ++c) to_blend[k] += r.colour_gradient[c] * (sample[c] - behind[c]);
-        }
-        if (objective.likelihood)
-            for (int k = 0; k < kept; ++k)
-                to_blend[k] += 2 * r.variance_gradient * tile.blend[first + k] * tile.variance[first + k];
-        if (objective.distortion_weight > 0 && share > 0) {
-            float* place = tile.place + first;
-            for (int k = 0; k < kept; ++k) place[k] = march.fraction(tile.t[first + k]);
-            range.loss += distort(kept, tile.blend + first, place, 1 / (float)scene.steps,
-                                  share * objective.distortion_weight, to_blend);
-        }
-        blend_ray_backward(kept, tile.blend + first, tile.reach_after + first, to_blend);
-        for (int k = first; k < first + kept; ++k) {
-            for (int c = 0; c < 3; ++c) {
-                const float value = tile.colour[3 * k + c];
-                tile.d_logits[k * lanes + c] = r.colour_gradient[c] * tile.blend[k] * value * (1 - value);
-            }
-            tile.d_variance[k] = r.variance_gradient * tile.blend[k] * tile.blend[k];
-        }
     }
 
     // The table's gradient waits, sorted by level, until all tiles are done.
@@ -372,15 +259,15 @@ struct Learn {
             report.rays++;
             return;
         }
-        finish_ray(ray, 0, 0, background(ray), 0);
+        pixels.finish_ray(ray, 0, 0, pixels.background(ray), 0);
         if (origin_gradient)
             for (int a = 0; a < 3; ++a) origin_gradient[3 * ray + a] = direction_gradient[3 * ray + a] = 0;
-        if (ignored(ray)) return;
+        if (pixels.ignored(ray)) return;
         report.rays++;
         float flat;
-        report.loss += opacity_loss(objective, share_of_ray(ray), 0, flat);
+        report.loss += opacity_loss(objective, pixels.share_of_ray(ray), 0, flat);
         if (judged) return;
-        const RayLoss r = judge(first_of_pixel(ray), share_of_ray(ray), background(ray), 0);
+        const RayLoss r = pixels.judge(pixels.first_of_pixel(ray), pixels.share_of_ray(ray), pixels.background(ray), 0);
         report.loss += r.loss;
         report.squared_error += r.squared_error;
     }
@@ -420,12 +307,13 @@ int32_t learn(MulanWorkspace* w, const MulanField* field, const MulanScene* scen
         for (int64_t i = 0; i < rays->count; ++i)
             if (objective->weights[i - i % objective->rays_a_pixel] > 0)
                 weight += objective->weights[i - i % objective->rays_a_pixel];
-    Learn job{*w, *field, *scene, *occupancy, *rays, *objective, rendering, origin_gradient, direction_gradient,
-              network_gradient != nullptr, March(*scene, *occupancy, prepare_march_table(*w, *scene)), packed,
-              Tiles{}, (float)(1 / (weight > 1e-12 ? weight : 1e-12)), table};
+    const March march(*scene, *occupancy, prepare_march_table(*w, *scene));
+    const Pixels pixels{*scene, march, *objective, rendering, (float)(1 / (weight > 1e-12 ? weight : 1e-12))};
+    Learn job{*w, *field, *scene, *occupancy, *rays, *objective, pixels, rendering, origin_gradient, direction_gradient,
+              network_gradient != nullptr, march, packed, Tiles{}, table};
     job.tiles = prepare_tiles(*w, job.networks, larger(tile_samples, scene->steps * objective->rays_a_pixel));
-    const int64_t pixels = wave_samples / scene->steps / objective->rays_a_pixel;
-    const int64_t wave = larger<int64_t>(pixels, 1) * objective->rays_a_pixel;
+    const int64_t wave_pixels = wave_samples / scene->steps / objective->rays_a_pixel;
+    const int64_t wave = larger<int64_t>(wave_pixels, 1) * objective->rays_a_pixel;
     const int64_t most = smaller(wave, rays->count);
     job.t = (float*)w->ray_samples.reserve((size_t)(most * scene->steps) * 4 + 64);
     job.counts = (int32_t*)w->ray_lists.reserve((size_t)most * 8 + 64);
