@@ -91,21 +91,21 @@ def _slice_sums(
 
     # buffers reused by all slices: fresh memory for each would cost more than the arithmetic
     total = xp.zeros((2, 4, 2, 2, rows, last), dtype=xp.float32, device=device)
-    weighted_columns = empty(2, 2, 2, last, max(part.last - part.first for part in slices))
-    products, terms = empty(2, 2, 2, 2 * rows, last), empty(4, 2, 2, rows, last)
+    weighted_rows = empty(8 * rows * max(part.last - part.first for part in slices))
+    products, terms = empty(2, 2, 2, 2, rows, last), empty(4, 2, 2, rows, last)
+    by_rows = products.reshape(2, 2, 4 * rows, last)
     scaled = empty(2, 2, 2, rows, last)
-    left = trig[:, :, first:last].reshape(2, 1, 1, 2 * rows, -1)
     factors = _by_distance(slices, first, last)
     for part, factor in zip(slices, factors, strict=True):
-        packets = slice(part.first, part.last)
+        packets, count = slice(part.first, part.last), part.last - part.first
         weight = channel[packets] * part.share
-        columns = trig[:, :, :last, packets]
-        weighted = weighted_columns[..., : part.last - part.first]
-        xp.multiply(columns, single(np.real(weight)), out=weighted[:, :, 0])
-        xp.multiply(columns, single(np.imag(weight)), out=weighted[:, :, 1])
-        xp.matmul(left[..., packets], weighted.swapaxes(-1, -2), out=products)
-        cos_cos, sin_cos = products[:, 0, :, :rows], products[:, 0, :, rows:]
-        cos_sin, sin_sin = products[:, 1, :, :rows], products[:, 1, :, rows:]
+        weighted = weighted_rows[: 8 * rows * count].reshape(2, 2, 2, rows, count)
+        xp.multiply(trig[:, :, first:last, packets], single(np.real(weight)), out=weighted[:, 0])
+        xp.multiply(trig[:, :, first:last, packets], single(np.imag(weight)), out=weighted[:, 1])
+        columns = trig[:, :, :last, packets].swapaxes(-1, -2)
+        xp.matmul(weighted.reshape(2, 1, 4 * rows, count), columns, out=by_rows)
+        cos_cos, sin_cos = products[:, 0, :, 0], products[:, 0, :, 1]
+        cos_sin, sin_sin = products[:, 1, :, 0], products[:, 1, :, 1]
         xp.subtract(cos_cos, sin_sin, out=terms[0])
         xp.add(cos_sin, sin_cos, out=terms[1])
         xp.add(cos_cos, sin_sin, out=terms[2])
