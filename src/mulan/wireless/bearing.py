@@ -26,6 +26,7 @@ from mulan.wireless.uncertainty import (
     hypothesis_weights,
     is_level,
     is_straight,
+    residual_smoothness,
     residual_statistics,
     sandwich_covariance,
 )
@@ -33,7 +34,7 @@ from mulan.wireless.uncertainty import (
 _COHERENT_DRIFT_RAD2 = 0.25  # more drift than half a radian of phase is tracked, not ignored
 _TRACKED_STARTS = 12
 _PROFILE_CHANNELS = 3  # principal components in the profile; on real cards they hold 98 % of the power
-_REFLECTED_CORRELATION = 4.0  # packets; white residuals stay below 1.6, those of real rooms above 9
+_REFLECTED_SMOOTHNESS = 0.25  # white residuals stay below 0.1 from 300 packets, real rooms show 0.6 to 0.9
 _FOCUS_AZIMUTHS, _FOCUS_ELEVATIONS = 180, 91
 
 
@@ -193,10 +194,9 @@ def bearing_of_aperture(
     if drift is not None and drift[-1] * model.wavenumber_rad_m**2 >= _COHERENT_DRIFT_RAD2:
         found = _tracked(model, channel, searched, drift, config)
     else:
-        correlation = residual_statistics(
-            model, channel, refined_peaks(model, channel, searched, 1)[0]
-        ).correlation_packets
-        if level and correlation > _REFLECTED_CORRELATION:
+        strongest = refined_peaks(model, channel, searched, 1)[0]
+        if level and residual_smoothness(model, channel, strongest) > _REFLECTED_SMOOTHNESS:
+            correlation = residual_statistics(model, channel, strongest).correlation_packets
             found = _among_reflections(aperture, model.range_m, correlation, config)
         else:
             if drift is None:

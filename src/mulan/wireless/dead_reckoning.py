@@ -19,6 +19,12 @@ def heading_rad(T: Float[NDArray, "n 4 4"]) -> Float[NDArray, "n"]:
     return np.unwrap(np.arctan2(T[:, 1, 0], T[:, 0, 0]))
 
 
+def _turned(vector: Float[NDArray, "m 2"], angle_rad: Float[NDArray, "n"]) -> Float[NDArray, "n 2"]:
+    """Plane vectors turned by angles; a single vector is turned by each of them."""
+    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+    return np.stack([cos * vector[:, 0] - sin * vector[:, 1], sin * vector[:, 0] + cos * vector[:, 1]], 1)
+
+
 def wheels_along_heading(
     heading: OdometryTrack, wheels: OdometryTrack, antenna_body_m: Float[NDArray, "3"]
 ) -> OdometryTrack:
@@ -42,11 +48,10 @@ def wheels_along_heading(
     yaw = heading_rad(heading.T_odom_body)
     at_wheels = np.interp(wheels.time_s, heading.time_s, yaw)
     turn = at_wheels - heading_rad(wheels.T_odom_body)
-    step = np.diff(wheels.T_odom_body[:, 0, 3] + 1j * wheels.T_odom_body[:, 1, 3])
-    base = np.concatenate([[0.0], np.cumsum(step * np.exp(0.5j * (turn[1:] + turn[:-1])))])
+    step = np.diff(wheels.T_odom_body[:, :2, 3], axis=0)
+    base = np.cumsum(np.concatenate([np.zeros((1, 2)), _turned(step, (turn[1:] + turn[:-1]) / 2)]), axis=0)
     time_s, yaw = heading.time_s[inside], yaw[inside]
-    lever = complex(antenna_body_m[0], antenna_body_m[1])
-    antenna = np.interp(time_s, wheels.time_s, base.real) + 1j * np.interp(time_s, wheels.time_s, base.imag)
-    antenna = antenna + lever * np.exp(1j * yaw)
-    position = np.stack([antenna.real, antenna.imag, np.full(len(yaw), antenna_body_m[2])], 1)
+    x, y = (np.interp(time_s, wheels.time_s, base[:, axis]) for axis in (0, 1))
+    antenna = np.stack([x, y], 1) + _turned(antenna_body_m[None, :2], yaw)
+    position = np.column_stack([antenna, np.full(len(yaw), antenna_body_m[2])])
     return OdometryTrack(time_s, se3.from_parts(so3.about_z(yaw), position), None)
