@@ -9,6 +9,7 @@ from PIL import Image
 from mulan.cli.main import COMMANDS, run_command
 from mulan.errors import InputError
 from mulan.mission.nerfstudio import read_transforms
+from mulan.wireless.calibration import AzimuthCalibration, write_calibration
 
 
 def test_run_leaves_a_complete_run_folder(finished_run: Path):
@@ -99,3 +100,17 @@ def test_every_command_explains_itself(command: str, capsys: pytest.CaptureFixtu
     with suppress(SystemExit):
         run_command([command, "--help"])
     assert f"mulan {command}" in capsys.readouterr().out
+
+
+def test_profile_of_a_bag_is_drawn(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    calibration = tmp_path / "calibration.json"
+    write_calibration(calibration, AzimuthCalibration(sigma_scale=2.0, sigma_floor_rad=0.01), {})
+    for name, options in (("plain.png", []), ("calibrated.png", ["--calibration", str(calibration)])):
+        arguments = ["aoa", str(bag), "--link", "alpha:beta", "--out", str(tmp_path / name), *options]
+        assert run_command(arguments) == 0
+        assert (tmp_path / name).stat().st_size > 20_000
+    said = [line for line in capsys.readouterr().out.splitlines() if "truth" in line]
+    assert len(said) == 2
+    assert said[0] != said[1]
+    with pytest.raises(InputError, match="alpha:gamma"):
+        run_command(["aoa", str(bag), "--link", "alpha:gamma", "--out", str(tmp_path / "no.png")])

@@ -21,6 +21,16 @@ def test_fast_profile_equals_the_definition(n, round_trip):
     assert unit_sum_profile(power).power.sum(dtype=float) == pytest.approx(1.0, abs=1e-5)
 
 
+def test_powers_of_several_channels_add_up():
+    rng = np.random.default_rng(4)
+    position = rng.normal(size=(120, 3)) * [0.3, 0.2, 0.1]
+    channels = rng.normal(size=(120, 5)) + 1j * rng.normal(size=(120, 5))
+    azimuth, elevation = direction_grid(72, 37)
+    each = [bartlett_power_reference(position, h, WAVELENGTH_M, azimuth, elevation) for h in channels.T]
+    together = bartlett_power(position, channels, WAVELENGTH_M, 72, 37)
+    np.testing.assert_allclose(together, np.sum(each, 0), atol=2e-5 * np.max(np.sum(each, 0)))
+
+
 def test_the_peak_points_at_the_source_and_not_away_from_it():
     rng = np.random.default_rng(0)
     source = np.array([40.0, -25.0, 15.0])

@@ -32,7 +32,7 @@ class Options:
 
     out: Path = Path("runs/demo")
     """Run folder."""
-    time_budget: float = 45.0
+    time_budget: float = 40.0
     """Seconds of training for each of the three setups compared."""
     photos_per_robot: int = 28
     """Photographs of each robot."""
@@ -40,7 +40,7 @@ class Options:
     """Image width in pixels."""
     height: int = 120
     """Image height in pixels."""
-    samples_per_pixel: int = 32
+    samples_per_pixel: int = 24
     """Light paths a pixel."""
     seed: int = 0
     """Source of all randomness."""

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import tyro
 from rich.table import Table
 
-from mulan.cli import evaluate_engine
+from mulan.cli import evaluate_aoa, evaluate_engine, evaluate_uwb
 from mulan.cli.progress import console, progress_stages
 from mulan.cli.simulate import describe
 from mulan.errors import InputError
@@ -26,8 +26,10 @@ from mulan.simulation.timeline import TourConfig
 from mulan.wireless.bearing import BearingConfig
 
 EXPERIMENTS = {
+    "aoa": "Angle of arrival on recorded links with known geometry, beside the authors' results.",
     "engine": "Quality against training time, throughput and memory, beside torch and the peers.",
     "two-robot": "True poses, wireless poses, wireless poses with weights, on one mission.",
+    "uwb": "Likelihood and coverage of calibrated UWB ranges on held-out recordings.",
 }
 
 _TITLES = {
@@ -122,8 +124,12 @@ def main(arguments: Sequence[str]) -> int:
         raise InputError(
             "mulan evaluate", f"experiment '{name}'", "is unknown", f"choose from {', '.join(EXPERIMENTS)}"
         )
+    if name == "aoa":
+        return evaluate_aoa.main(rest)
     if name == "engine":
         return evaluate_engine.main(rest)
+    if name == "uwb":
+        return evaluate_uwb.main(rest)
     options = tyro.cli(TwoRobotOptions, args=rest, prog="mulan evaluate two-robot")
     two_robot(options)
     run = RunFolder(options.out)

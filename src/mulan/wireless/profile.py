@@ -4,14 +4,16 @@ Sign convention: a channel is ``exp(-j 2π f d / c)``, so moving by p towards th
 turns its phase by ``+k p·u``; k is 2π/λ for one-way CSI and 4π/λ for the product of both directions.
 """
 
+from collections.abc import Iterable, Iterator
+
 import numpy as np
 from jaxtyping import Complex, Float
 from numpy.typing import NDArray
 
+from mulan.wireless.direct_steering import direct_output
 from mulan.wireless.directions import direction_grid, unit_direction
+from mulan.wireless.grid_power import grid_power
 from mulan.wireless.types import AoaProfile
-
-_PACKETS_PER_BLOCK = 192  # 192 x 180 float32, three times over, stays inside a 1 MiB L2 cache
 
 
 def wavenumber_rad_m(wavelength_m: float, round_trip: bool = True) -> float:
@@ -21,69 +23,99 @@ def wavenumber_rad_m(wavelength_m: float, round_trip: bool = True) -> float:
 
 def bartlett_power_reference(
     position_m: Float[NDArray, "n 3"],
-    channel: Complex[NDArray, "n"],
+    channel: Complex[NDArray, "n *c"],
     wavelength_m: float,
     azimuth_rad: Float[NDArray, "a"],
     elevation_rad: Float[NDArray, "e"],
     round_trip: bool = True,
+    range_m: float | None = None,
 ) -> Float[NDArray, "e a"]:
-    """``|Σ_k h_k exp(-j k p_k·u)|²`` in complex128, straight from the definition (any grid; slow)."""
-    relative = (position_m - position_m.mean(0)) * wavenumber_rad_m(wavelength_m, round_trip)
+    """``Σ_c |Σ_k h_kc exp(-jφ_k(u))|²`` in complex128, straight from the definition (any grid; slow).
+
+    φ is ``k p·u`` for plane waves and ``k (r - |r u - p|)`` for a source at range r from the centroid.
+    """
+    channel = channel.reshape(len(channel), -1)
+    k, relative = wavenumber_rad_m(wavelength_m, round_trip), position_m - position_m.mean(0)
     power = np.empty((len(elevation_rad), len(azimuth_rad)))
     for row, elevation in enumerate(elevation_rad):
         u = unit_direction(azimuth_rad, np.full_like(azimuth_rad, elevation))
-        power[row] = np.abs(np.exp(-1j * (u @ relative.T)) @ channel) ** 2
+        if range_m is None:
+            towards_m = u @ relative.T
+        else:
+            towards_m = range_m - np.linalg.norm(range_m * u[:, None] - relative, axis=2)
+        power[row] = (np.abs(np.exp(-1j * k * towards_m) @ channel) ** 2).sum(1)
     return power
 
 
 def bartlett_power(
     position_m: Float[NDArray, "n 3"],
-    channel: Complex[NDArray, "n"],
+    channel: Complex[NDArray, "n *c"],
     wavelength_m: float,
     azimuth_count: int = 360,
     elevation_count: int = 181,
     round_trip: bool = True,
+    range_m: float | None = None,
+    tolerance: float = 1e-2,
 ) -> Float[NDArray, "e a"]:
-    """The reference's power on the full ``direction_grid`` in float32, about a hundred times faster.
+    """The reference's power on the full ``direction_grid`` in float32, to 1e-4 of its peak and far faster.
 
-    The horizontal part of the phase flips sign half a turn away and is the same above and below the horizon,
-    so one sine and cosine serve four directions.
+    For plane waves the cost grows little with the number of packets, more with the path's height
+    (``beamformer``), and falls with its radius (``angular_band``). Spherical waves cost more.
 
     Args:
         position_m: Antenna positions in the axes the grid refers to.
-        channel: One complex number a position.
+        channel: One complex number a position, or several (subcarriers, principal components): the powers
+            of the columns are summed.
         wavelength_m: Carrier wavelength.
         azimuth_count: Even.
         elevation_count: Odd.
         round_trip: The channel is a forward x reverse product.
+        range_m: Distance of the source from the centroid of the positions, beyond all of them, for spherical
+            waves; None for plane waves.
+        tolerance: Share of the peak that several columns may lose at most, by leaving out their weakest
+            principal components; recorded links (30 subcarriers) lose less than a tenth of that.
+
+    Raises:
+        ValueError: A grid without the symmetries, or a range that does not leave the aperture.
     """
-    azimuth_rad, elevation_rad = direction_grid(azimuth_count, elevation_count)
     k = wavenumber_rad_m(wavelength_m, round_trip)
-    relative = (position_m - position_m.mean(0)) * k
-    half, middle = azimuth_count // 2, elevation_count // 2
-    steering = np.stack([np.cos(azimuth_rad[:half]), np.sin(azimuth_rad[:half])])
-    in_plane = (relative[:, :2] @ steering).astype(np.float32)
-    upper = elevation_rad[middle:]
-    rise = np.exp(-1j * np.outer(np.sin(upper), relative[:, 2]))
-    above, below = channel * rise, channel * rise.conj()
-    weights = np.stack([np.real(above), np.imag(above), np.real(below), np.imag(below)], 1).astype(np.float32)
-    cos_sum = np.zeros((len(upper), 4, half), np.float32)
-    sin_sum = np.zeros_like(cos_sum)
-    for start in range(0, len(channel), _PACKETS_PER_BLOCK):
-        block = np.ascontiguousarray(in_plane[start : start + _PACKETS_PER_BLOCK])
-        angle, trig = np.empty_like(block), np.empty_like(block)
-        for row, cos_elevation in enumerate(np.cos(upper).astype(np.float32)):
-            w = weights[row, :, start : start + _PACKETS_PER_BLOCK]
-            np.multiply(block, cos_elevation, out=angle)
-            cos_sum[row] += w @ np.cos(angle, out=trig)
-            sin_sum[row] += w @ np.sin(angle, out=trig)
-    power = np.empty((elevation_count, azimuth_count), np.float32)
-    for real, rows in ((0, np.arange(middle, elevation_count)), (2, np.arange(middle, -1, -1))):
-        re_cos, im_cos = cos_sum[:, real], cos_sum[:, real + 1]
-        re_sin, im_sin = sin_sum[:, real], sin_sum[:, real + 1]
-        power[rows, :half] = (re_cos + im_sin) ** 2 + (im_cos - re_sin) ** 2
-        power[rows, half:] = (re_cos - im_sin) ** 2 + (im_cos + re_sin) ** 2
-    return power
+    return grid_power(position_m, channel, k, azimuth_count, elevation_count, range_m, tolerance)
+
+
+def bartlett_powers(
+    links: Iterable[tuple[Float[NDArray, "n 3"], Complex[NDArray, "n *c"]]],
+    wavelength_m: float,
+    azimuth_count: int = 360,
+    elevation_count: int = 181,
+    round_trip: bool = True,
+) -> Iterator[Float[NDArray, "e a"]]:
+    """``bartlett_power`` of many links (positions, channel), one after the other as they are asked for.
+
+    Nothing of a link is kept after its turn, so memory does not grow with their number.
+    """
+    for position_m, channel in links:
+        yield bartlett_power(position_m, channel, wavelength_m, azimuth_count, elevation_count, round_trip)
+
+
+def azimuth_power(
+    position_m: Float[NDArray, "n 3"],
+    channel: Complex[NDArray, "n *c"],
+    wavelength_m: float,
+    azimuth_rad: Float[NDArray, "a"],
+    elevation_rad: float = 0.0,
+    round_trip: bool = True,
+    range_m: float | None = None,
+) -> Float[NDArray, "a"]:
+    """The two-dimensional profile: power over any azimuths at one elevation, in float32 to 1e-4 of its peak.
+
+    Arguments as for ``bartlett_power``.
+    """
+    k = wavenumber_rad_m(wavelength_m, round_trip)
+    directions = unit_direction(azimuth_rad, np.full_like(azimuth_rad, elevation_rad))
+    columns = channel.reshape(len(channel), -1)
+    range_rad = None if range_m is None else k * range_m
+    output = direct_output((position_m - position_m.mean(0)) * k, columns, directions, range_rad)
+    return (output**2).sum((0, 1))
 
 
 def unit_sum_profile(power: Float[NDArray, "e a"]) -> AoaProfile:

@@ -68,7 +68,10 @@ class Range:
         observer, peer: Robot names.
         time_s: On the observer's clock.
         range_m: Distance.
-        sigma_m: Its standard deviation.
+        sigma_m: Its standard deviation, errors shared with its neighbours already counted in where a
+            calibration told them.
+        outlier_mass: Probability that it took a long detour or tells nothing; None = not calibrated.
+        correlation_s: Ranges of this pair closer than this share their error; 0 = unknown or none.
     """
 
     observer: str
@@ -76,3 +79,5 @@ class Range:
     time_s: float
     range_m: float
     sigma_m: float
+    outlier_mass: float | None = None
+    correlation_s: float = 0.0

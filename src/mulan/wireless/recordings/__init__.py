@@ -1,1 +1,1 @@
-"""Channel state as real cards and published recordings store it, read strictly."""
+"""Channel state and ranges as real radios and published recordings store them, read strictly."""

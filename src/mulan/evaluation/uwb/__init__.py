@@ -1,0 +1,1 @@
+"""Calibrated range models on recordings they were not fitted to."""
