@@ -1,0 +1,161 @@
+"""Sudden quarter and half turns of a card's phase: found and undone, or the recording is refused.
+
+Some cards start or retune with their phase a multiple of π/2 off, common to all subcarriers. One direction
+alone hides it under the carrier offset; it shows in the round-trip product, and between the RF chains of one
+card. A jump of one direction is the jump of the product (π stays π).
+
+The phase of the product is followed from packet to packet by the product of neighbours, each one-way channel
+freed of its own delay: its shape cancels, so no estimate of an absolute delay can switch between two paths,
+which would look like a jump. Around every packet the phase is then modelled as a line, with and without
+a step of q π/2 in the middle, q = 1, 2, 3, and the fits are compared; a step of any other size must not fit
+clearly better.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex, Float, Int
+from numpy.typing import NDArray
+
+from mulan.errors import InputError
+from mulan.wireless.channel import channel_at_centre
+
+_FFT = 128  # slopes tried; four times finer than the resolution of a window
+
+
+@dataclass(frozen=True)
+class PhaseJumpConfig:
+    """When a change of phase counts as a jump of the card."""
+
+    half_window: int = 16
+    """Packets on each side that the phase is followed over; the path must be nearly straight within them."""
+    least_evidence: float = 24.0
+    """Smallest likelihood ratio [nats] of a step against none."""
+    most_evidence_for_other_steps: float = 4.0
+    """A step of any size may fit better than the quarter turns by this likelihood ratio [nats] at most."""
+    most_jumps: int = 8
+    """A recording with more is refused."""
+
+
+@dataclass(frozen=True)
+class PhaseJumps:
+    """Jumps found in one sequence of packets.
+
+    Attributes:
+        row: First packet after each jump, increasing.
+        quarter_turns: Size of each jump, 1 to 3 quarter turns.
+        evidence: Likelihood ratio of each [nats].
+        packets: Length of the sequence.
+    """
+
+    row: Int[NDArray, "k"]
+    quarter_turns: Int[NDArray, "k"]
+    evidence: Float[NDArray, "k"]
+    packets: int
+
+    def undone(self, channel: Complex[NDArray, "n *more"]) -> Complex[NDArray, "n *more"]:
+        """A channel of the same packets with every jump turned back, relative to the first packet."""
+        turns = np.zeros(self.packets, int)
+        turns[self.row] = self.quarter_turns
+        factor = np.array([1, -1j, -1, 1j])[np.cumsum(turns) % 4]
+        return channel * factor.reshape(-1, *(1,) * (channel.ndim - 1))
+
+
+def round_trip_jumps(
+    forward: Complex[NDArray, "n s"],
+    reverse: Complex[NDArray, "n s"],
+    subcarrier_hz: Float[NDArray, "s"],
+    config: PhaseJumpConfig | None = None,
+) -> PhaseJumps:
+    """Jumps of either card, from packets and their replies in order of time.
+
+    Args:
+        forward: Channel of each packet at one antenna.
+        reverse: Channel of its reply.
+        subcarrier_hz: Absolute frequencies.
+        config: Thresholds.
+    """
+    steps = _step(forward, subcarrier_hz) * _step(reverse, subcarrier_hz)
+    phase = np.concatenate([[0.0], np.cumsum(np.angle(steps))])
+    return jumps_of(np.exp(1j * phase), config)
+
+
+def chain_jumps(
+    channel: Complex[NDArray, "n antennas s"],
+    antenna: int,
+    reference: int = 0,
+    config: PhaseJumpConfig | None = None,
+) -> PhaseJumps:
+    """Jumps of one RF chain against another of the same card; carrier and timing cancel between them."""
+    between = (channel[:, antenna] * channel[:, reference].conj()).sum(1)
+    size = np.abs(between)
+    return jumps_of(np.where(size > 0, between, 1.0) / np.where(size > 0, size, 1.0), config)
+
+
+def jumps_of(phasor: Complex[NDArray, "n"], config: PhaseJumpConfig | None = None) -> PhaseJumps:
+    """Jumps in a sequence of unit phasors: the strongest first, none closer than half a window to another."""
+    config = config or PhaseJumpConfig()
+    half, n = config.half_window, len(phasor)
+    found: list[tuple[int, int, float]] = []
+    if n >= 2 * half:
+        evidence, other = _evidence(phasor.astype(np.complex64), half)
+        evidence[other - evidence > config.most_evidence_for_other_steps] = 0.0
+        while evidence.max() >= config.least_evidence:
+            q, k = (int(v) for v in np.unravel_index(evidence.argmax(), evidence.shape))
+            found.append((k + half, q + 1, float(evidence[q, k])))
+            evidence[:, max(k - half, 0) : k + half + 1] = 0.0
+    found.sort()
+    row, turns, nats = (np.array([f[i] for f in found]) for i in range(3))
+    return PhaseJumps(row.astype(np.int64), turns.astype(np.int64), nats.astype(float), n)
+
+
+def without_jumps(
+    product: Complex[NDArray, "n *more"],
+    jumps: PhaseJumps,
+    source: str,
+    config: PhaseJumpConfig | None = None,
+) -> Complex[NDArray, "n *more"]:
+    """The round-trip product with its jumps undone.
+
+    Args:
+        product: Of the packets that ``jumps`` was found in.
+        jumps: From ``round_trip_jumps``.
+        source: Where the packets come from, for the message.
+        config: Thresholds.
+
+    Raises:
+        InputError: The phase jumps too often to be followed.
+    """
+    config = config or PhaseJumpConfig()
+    if len(jumps.row) > config.most_jumps:
+        raise InputError(
+            source,
+            "phase",
+            f"jumps {len(jumps.row)} times by quarter turns within {jumps.packets} packets",
+            "record again, or leave this pair out",
+        )
+    return jumps.undone(product)
+
+
+def _step(channel: Complex[NDArray, "n s"], subcarrier_hz: Float[NDArray, "s"]) -> Complex[NDArray, "n-1"]:
+    return channel_at_centre(channel[1:] * channel[:-1].conj(), subcarrier_hz)
+
+
+def _evidence(phasor: Complex[NDArray, "n"], half: int) -> tuple[Float[NDArray, "3 m"], Float[NDArray, "m"]]:
+    """Likelihood ratios of q quarter turns, and of a step of any size, in the middle of every window."""
+    windows = np.lib.stride_tricks.sliding_window_view(phasor, 2 * half)
+    before, after = (np.fft.fft(part, _FFT, axis=1) for part in (windows[:, :half], windows[:, half:]))
+    after *= np.exp(-2j * np.pi * half / _FFT * np.arange(_FFT))
+    sums = [_peak(np.abs(before + (-1j) ** q * after)) for q in range(4)]
+    sums.append(_peak(np.abs(before) + np.abs(after)))
+    lost = np.maximum(1 - (np.stack(sums) / (2 * half)) ** 2, 1e-3)
+    ratio = 2 * half * np.log(lost[0] / lost[1:])
+    return ratio[:3], ratio[3]
+
+
+def _peak(spectrum: Float[NDArray, "m f"]) -> Float[NDArray, "m"]:
+    """Largest value of each row between the slopes tried, by a parabola through three of them."""
+    rows, top = np.arange(len(spectrum)), spectrum.argmax(1)
+    left, middle, right = (spectrum[rows, (top + shift) % _FFT] for shift in (-1, 0, 1))
+    bend = np.maximum(2 * middle - left - right, 1e-6)
+    return middle + (right - left) ** 2 / (8 * bend)
