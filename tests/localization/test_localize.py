@@ -1,6 +1,8 @@
 import json
-import time
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -112,14 +114,30 @@ def test_six_freedoms_and_a_common_floor_work():
     assert np.abs(heights).max() < 0.1
 
 
+TWO_HUNDRED_KEYFRAMES = """
+import subprocess
+import sys
+import numpy as np
+from mulan.localization.graph import LocalizationConfig
+from mulan.localization.localize import localize_from_measurements
+from tests.localization.team import draw_measurements, make_team
+rng = np.random.default_rng(9)
+robots = make_team(rng, n=100, photos=100)
+bearings, ranges = draw_measurements(rng, robots, bearings=10, ranges=300)
+begin = time.process_time()
+localization = localize_from_measurements(robots, bearings, ranges, LocalizationConfig())
+assert len(localization.trajectories["beta"].covariance) == 100
+print(time.process_time() - begin)
+"""
+
+
 def test_two_hundred_keyframes_are_solved_within_five_seconds():
-    rng = np.random.default_rng(9)
-    robots = make_team(rng, n=100, photos=100)
-    bearings, ranges = draw_measurements(rng, robots, bearings=10, ranges=300)
-    begin = time.process_time()
-    localization = localize_from_measurements(robots, bearings, ranges, LocalizationConfig())
-    assert time.process_time() - begin < 5.0
-    assert len(localization.trajectories["beta"].covariance) == 100
+    # in an interpreter of its own: here every shape is checked at run time, which users do not pay for
+    root = Path(__file__).parents[2]
+    ran = subprocess.run(
+        [sys.executable, "-c", TWO_HUNDRED_KEYFRAMES], cwd=root, capture_output=True, text=True, check=True
+    )
+    assert float(ran.stdout) < 5.0
 
 
 def test_the_written_record_is_complete(tmp_path):

@@ -36,7 +36,7 @@ class LevelPosteriorConfig:
     """Turn of the odometry's frame against the true one and scatter close about the source, one sigma."""
     bold_looks: float = 100.0
     """Independent measurements an aperture is worth where reflections correlate its packets, at most."""
-    cautious_looks: float = 30.0
+    cautious_looks: float = 25.0
     """The same if another path may be stronger than the direct one."""
     least_outlier_mass: float = 0.02
     """Floor of the probability that no hypothesis is right."""
