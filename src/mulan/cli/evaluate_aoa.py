@@ -10,6 +10,7 @@ import tyro
 from rich.markup import escape
 from rich.table import Table
 
+from mulan.cli.calibration_option import calibrated
 from mulan.cli.evaluate_engine import recordings
 from mulan.cli.progress import console, progress_bar
 from mulan.evaluation.aoa.folder import link_sets
@@ -42,6 +43,8 @@ class Options:
     """Where the moving antenna's path comes from."""
     workers: int = AoaProtocolConfig.workers
     """Processes, of one thread each."""
+    calibration: Path | None = None
+    """Calibration of the bearings made by 'mulan calibrate'."""
     bearings: BearingConfig = field(default_factory=BearingConfig)
     """The estimator."""
 
@@ -95,10 +98,13 @@ def main(arguments: Sequence[str]) -> int:
     sets = link_sets(options.data)
     run = RunFolder(options.out)
     run.check_writable()
-    config = AoaProtocolConfig(options.bearings, options.sources, options.workers)
+    config = AoaProtocolConfig(
+        calibrated(options.bearings, options.calibration), options.sources, options.workers
+    )
     began = time.monotonic()
     with progress_bar("Links") as progress:
-        links, failed = measure_links(sets, config, progress)
+        measured, failed = measure_links(sets, config, progress)
+    links = [m.scored for m in measured]
     metrics = {
         **aoa_metrics(links, failed),
         "failed": [asdict(f) for f in failed],

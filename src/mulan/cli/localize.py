@@ -8,6 +8,7 @@ from typing import Annotated
 import tyro
 from rich.table import Table
 
+from mulan.cli.calibration_option import calibrated
 from mulan.cli.progress import console, progress_bar
 from mulan.localization.accuracy import RobotAccuracy, accuracy, world_from_truth
 from mulan.localization.localize import LocalizationConfig, localize
@@ -34,6 +35,8 @@ class Options:
     """Factor graph."""
     bearings: BearingConfig = field(default_factory=BearingConfig)
     """Radio bearings."""
+    calibration: Path | None = None
+    """Calibration of the bearings made by 'mulan calibrate'."""
 
 
 def print_accuracy(figures: dict[str, RobotAccuracy]) -> None:
@@ -54,9 +57,10 @@ def print_accuracy(figures: dict[str, RobotAccuracy]) -> None:
 def localize_bag(bag: Path, run: RunFolder, options: Options) -> None:
     """Read the bag, localize, write poses, covariances and the posed image set into the run."""
     mission = read_mission(bag)
+    bearings = calibrated(options.bearings, options.calibration)
     run.check_writable()
     with progress_bar("Localizing") as progress:
-        localization = localize(mission, options.graph, options.bearings, progress)
+        localization = localize(mission, options.graph, bearings, progress)
     write_localization(localization, mission, run)
     files = extract_photos(mission, run)
     images = localized_images(mission, localization, files, world_from_truth(mission), options.hold_out_every)

@@ -17,6 +17,8 @@ COMMANDS = {
     "demo": "Three simulated robots reconstruct a room, from radio to report.",
     "simulate": "Make a mission bag from a 3-D scene or from a posed image set.",
     "run": "Localize, train, plan and report on one bag.",
+    "aoa": "Draw where a recording's radio signals come from.",
+    "calibrate": "Fit what bearings claim to recordings with known geometry.",
     "localize": "Turn a bag's odometry and radio into poses with covariance.",
     "train": "Learn the radiance field from a run or a posed image set.",
     "plan": "Propose the next views for every robot of a run.",

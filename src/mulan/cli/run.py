@@ -38,6 +38,8 @@ class Options:
     """Factor graph."""
     bearings: BearingConfig = field(default_factory=BearingConfig)
     """Radio bearings."""
+    calibration: Path | None = None
+    """Calibration of the bearings made by 'mulan calibrate'."""
     train: tyro.conf.AvoidSubcommands[TrainConfig] = field(default_factory=TrainConfig)
     """Training."""
 
@@ -49,7 +51,12 @@ def run_bag(options: Options) -> Path:
         options.bag,
         run,
         localize_command.Options(
-            options.bag, options.out, options.hold_out_every, options.graph, options.bearings
+            options.bag,
+            options.out,
+            options.hold_out_every,
+            options.graph,
+            options.bearings,
+            options.calibration,
         ),
     )
     run.record_config("run", asdict(options))

@@ -35,7 +35,7 @@ class Aperture:
         observer, peer: Robot names.
         time_s, peer_time_s: Packet times on each one's own clock.
         position_odom_m: Observer's antenna in its odometry frame, one row a packet.
-        channel: Round-trip channel.
+        channel: Round-trip channel of every subcarrier.
         wavelength_m: Carrier wavelength.
         reference: Index of the packet at the reference instant (the middle one).
         T_odom_body: Observer's body pose there.
@@ -46,7 +46,7 @@ class Aperture:
     time_s: Float[NDArray, "n"]
     peer_time_s: Float[NDArray, "n"]
     position_odom_m: Float[NDArray, "n 3"]
-    channel: Complex[NDArray, "n"]
+    channel: Complex[NDArray, "n s"]
     wavelength_m: float
     reference: int
     T_odom_body: Float[NDArray, "4 4"]

@@ -22,6 +22,15 @@ def wrapped(angle_rad: Float[NDArray, "*b"]) -> Float[NDArray, "*b"]:
     return (np.asarray(angle_rad) + np.pi) % (2 * np.pi) - np.pi
 
 
+def log_wrapped_gaussians(
+    off_rad: Float[NDArray, "*b"], sigma_rad: Float[NDArray, "#*b"]
+) -> Float[NDArray, "*b"]:
+    """Log density [1/rad] of Gaussians wrapped around the circle, at angles off their means."""
+    off = wrapped(off_rad)[..., None] + _TURNS
+    sigma = sigma_rad[..., None]
+    return np.asarray(logsumexp(-0.5 * (off / sigma) ** 2, axis=-1)) - np.log(np.sqrt(2 * np.pi) * sigma_rad)
+
+
 @dataclass(frozen=True)
 class AzimuthMixture:
     """Wrapped Gaussians plus a uniform outlier mass.
@@ -42,11 +51,8 @@ class AzimuthMixture:
     outlier_mass: float
 
     def _log_gaussians(self, azimuth_rad: Float[NDArray, "n"]) -> Float[NDArray, "n"]:
-        off = wrapped(azimuth_rad[:, None] - self.mean_rad)[..., None] + _TURNS
-        log = (
-            -0.5 * (off / self.sigma_rad[:, None]) ** 2 - np.log(np.sqrt(2 * np.pi) * self.sigma_rad)[:, None]
-        )
-        return np.asarray(logsumexp(log, axis=(1, 2), b=self.weight[:, None] * np.ones(len(_TURNS))))
+        log = log_wrapped_gaussians(azimuth_rad[:, None] - self.mean_rad, self.sigma_rad)
+        return np.asarray(logsumexp(log, axis=1, b=self.weight))
 
     def log_density(self, azimuth_rad: Float[NDArray, "n"]) -> Float[NDArray, "n"]:
         """Natural logarithm of the density [1/rad]; minus it is the negative log-likelihood of a truth."""

@@ -12,17 +12,29 @@ from numpy.typing import NDArray
 from mulan.errors import InputError
 from mulan.mission.types import RobotLog
 from mulan.wireless.apertures import Aperture, ApertureConfig, find_apertures
+from mulan.wireless.calibration import AzimuthCalibration
 from mulan.wireless.channel import pair_packets
 from mulan.wireless.drift_tracking import tracked_peaks, tracked_weights
 from mulan.wireless.kappa_paper import kappa_paper
+from mulan.wireless.level_posterior import LevelPosteriorConfig, level_hypotheses
 from mulan.wireless.odometry_drift import displacement_covariance
 from mulan.wireless.peak import SteeringModel, grid_peaks, refined_peaks, steering_model
+from mulan.wireless.principal_channels import principal_channels
 from mulan.wireless.profile import bartlett_power, unit_sum_profile
 from mulan.wireless.types import Bearing
-from mulan.wireless.uncertainty import hypothesis_weights, is_level, is_straight, sandwich_covariance
+from mulan.wireless.uncertainty import (
+    hypothesis_weights,
+    is_level,
+    is_straight,
+    residual_smoothness,
+    residual_statistics,
+    sandwich_covariance,
+)
 
 _COHERENT_DRIFT_RAD2 = 0.25  # more drift than half a radian of phase is tracked, not ignored
 _TRACKED_STARTS = 12
+_PROFILE_CHANNELS = 3  # principal components in the profile; on real cards they hold 98 % of the power
+_REFLECTED_SMOOTHNESS = 0.25  # white residuals stay below 0.1 from 300 packets, real rooms show 0.6 to 0.9
 _FOCUS_AZIMUTHS, _FOCUS_ELEVATIONS = 180, 91
 
 
@@ -58,6 +70,10 @@ class BearingConfig:
     """Drift (percent, as a random walk) that widens sigma where the odometry reports no covariance."""
     smallest_sigma_rad: float = 0.002
     """Floor of a bearing's standard deviation: antenna calibration, packet and odometry clocks."""
+    level: LevelPosteriorConfig = field(default_factory=LevelPosteriorConfig)
+    """How level apertures are judged where reflections show."""
+    calibration: AzimuthCalibration = field(default_factory=AzimuthCalibration)
+    """Learned corrections of what a bearing claims; none by default ('mulan calibrate' makes them)."""
 
 
 def range_during(observer: RobotLog, peer: RobotLog, aperture: Aperture) -> float | None:
@@ -80,6 +96,7 @@ class _Hypotheses:
     covariance: Float[NDArray, "k 2 2"]
     weight: Float[NDArray, "k"]
     outlier_mass: float
+    ordered: bool = False  # the first is the best guess although another may weigh more
 
 
 def _drift_variance(aperture: Aperture, observer: RobotLog) -> Float[NDArray, "n"] | None:
@@ -103,6 +120,23 @@ def _coherent(
     weight, outlier_mass = hypothesis_weights(model, channel, power, directions, config.least_outlier_mass)
     covariance = [sandwich_covariance(model, channel, u, drift_variance_m2) for u in directions]
     return _Hypotheses(directions, np.array(covariance), weight, outlier_mass)
+
+
+def _among_reflections(
+    aperture: Aperture, range_m: float | None, correlation_packets: float, config: BearingConfig
+) -> _Hypotheses:
+    """Azimuths of a level path whose residual is smooth: other paths, not noise, limit the bearing."""
+    found = level_hypotheses(
+        aperture.position_odom_m,
+        aperture.channel,
+        aperture.wavelength_m,
+        range_m,
+        len(aperture.channel) / correlation_packets,
+        config.level,
+    )
+    covariance = np.zeros((len(found.sigma_rad), 2, 2))
+    covariance[:, 0, 0], covariance[:, 1, 1] = found.sigma_rad**2, np.inf
+    return _Hypotheses(found.direction, covariance, found.weight, found.outlier_mass, ordered=True)
 
 
 def _tracked(
@@ -141,28 +175,40 @@ def bearing_of_aperture(
     )
     if is_straight(model):
         return None
-    channel = aperture.channel / np.abs(aperture.channel).mean()
+    # one path looks the same on all subcarriers: their strongest common component carries it, noise averaged
+    components = principal_channels(aperture.channel)[0][:, :_PROFILE_CHANNELS]
+    components = components / np.abs(components[:, 0]).mean()
+    channel = components[:, 0]
     power = bartlett_power(
-        aperture.position_odom_m, channel, aperture.wavelength_m, config.azimuth_count, config.elevation_count
+        aperture.position_odom_m,
+        components,
+        aperture.wavelength_m,
+        config.azimuth_count,
+        config.elevation_count,
     )
     level = is_level(model)
     searched = power.copy()
     if level:
         searched[: config.elevation_count // 2] = 0  # the mirror image below the horizon says nothing new
     drift = _drift_variance(aperture, observer)
-    if drift is None:
-        # an unmodelled walk must not steer the estimate, only be owned up to
-        steps_m = np.linalg.norm(
-            np.diff(aperture.position_odom_m, axis=0, prepend=aperture.position_odom_m[:1]), axis=1
-        )
-        assumed = (config.assumed_drift_percent / 100) ** 2 * np.cumsum(steps_m)
-        found = _coherent(model, channel, power, searched, assumed, config)
-    elif drift[-1] * model.wavenumber_rad_m**2 < _COHERENT_DRIFT_RAD2:
-        found = _coherent(model, channel, power, searched, drift, config)
-    else:
+    if drift is not None and drift[-1] * model.wavenumber_rad_m**2 >= _COHERENT_DRIFT_RAD2:
         found = _tracked(model, channel, searched, drift, config)
+    else:
+        strongest = refined_peaks(model, channel, searched, 1)[0]
+        if level and residual_smoothness(model, channel, strongest) > _REFLECTED_SMOOTHNESS:
+            correlation = residual_statistics(model, channel, strongest).correlation_packets
+            found = _among_reflections(aperture, model.range_m, correlation, config)
+        else:
+            if drift is None:
+                # an unmodelled walk must not steer the estimate, only be owned up to
+                steps_m = np.linalg.norm(
+                    np.diff(aperture.position_odom_m, axis=0, prepend=aperture.position_odom_m[:1]), axis=1
+                )
+                drift = (config.assumed_drift_percent / 100) ** 2 * np.cumsum(steps_m)
+            found = _coherent(model, channel, power, searched, drift, config)
     kept = found.weight >= 1e-3 * found.weight.max()
-    order = np.argsort(-found.weight[kept], kind="stable")
+    kept[0] |= found.ordered
+    order = np.arange(kept.sum()) if found.ordered else np.argsort(-found.weight[kept], kind="stable")
     directions, covariance = found.direction[kept][order], found.covariance[kept][order]
     weight = found.weight[kept][order]
     weight = weight / weight.sum() * (1 - found.outlier_mass)
@@ -173,7 +219,7 @@ def bearing_of_aperture(
     kappa = kappa_paper(
         profile, aperture.position_odom_m, aperture.wavelength_m, tolerance_rad=config.kappa_tolerance_rad
     )
-    return Bearing(
+    bearing = Bearing(
         observer=aperture.observer,
         peer=aperture.peer,
         time_s=float(aperture.time_s[aperture.reference]),
@@ -188,6 +234,7 @@ def bearing_of_aperture(
         profile=profile,
         origin_odom_m=aperture.position_odom_m.mean(0),
     )
+    return config.calibration.applied(bearing)
 
 
 def _sharpness(bearing: Bearing) -> float:

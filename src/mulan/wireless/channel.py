@@ -1,4 +1,4 @@
-"""From raw CSI of both directions to one round-trip channel a packet pair, free of clock offsets."""
+"""From raw CSI of both directions to a round-trip channel per packet pair, free of clock offsets."""
 
 from dataclasses import dataclass
 
@@ -22,7 +22,8 @@ class PacketPairs:
     Attributes:
         observer, peer: Robot names.
         time_s, peer_time_s: Reception times on each one's own clock; ``time_s`` increases.
-        channel: Forward x reverse channel at the band centre; carrier offset and timing cancelled.
+        channel: Forward x reverse channel of every subcarrier, each direction freed of its own delay, so that
+            all refer to the band centre; carrier offset and timing cancelled.
         wavelength_m: At the band centre.
     """
 
@@ -30,7 +31,7 @@ class PacketPairs:
     peer: str
     time_s: Float[NDArray, "n"]
     peer_time_s: Float[NDArray, "n"]
-    channel: Complex[NDArray, "n"]
+    channel: Complex[NDArray, "n s"]
     wavelength_m: float
 
     def swapped(self) -> "PacketPairs":
@@ -51,13 +52,13 @@ def band_centre_hz(subcarrier_hz: Float[NDArray, "s"]) -> float:
     return float(subcarrier_hz.min() + subcarrier_hz.max()) / 2
 
 
-def channel_at_centre(
+def freed_of_delay(
     channel: Complex[NDArray, "n s"], subcarrier_hz: Float[NDArray, "s"]
-) -> Complex[NDArray, "n"]:
-    """Each packet's channel at the band centre, its linear phase over the subcarriers removed.
+) -> Complex[NDArray, "n s"]:
+    """Each packet's channel with its linear phase over the subcarriers removed about the band centre.
 
     The delay is the one with the strongest coherent sum (a search and two Newton steps), so no phase is ever
-    unwrapped; the sum itself is the average over subcarriers.
+    unwrapped. What differs between subcarriers afterwards is multipath and noise.
     """
     offset = 2 * np.pi * (subcarrier_hz - band_centre_hz(subcarrier_hz))
     delays = np.arange(-_MAX_DELAY_S, _MAX_DELAY_S + _DELAY_STEP_S / 2, _DELAY_STEP_S)
@@ -70,7 +71,14 @@ def channel_at_centre(
         curvature = 2 * ((second * total.conj()).real + np.abs(first) ** 2)
         step = np.where(curvature < 0, -slope / np.where(curvature < 0, curvature, -1.0), 0.0)
         delay = delay + np.clip(step, -_DELAY_STEP_S, _DELAY_STEP_S)
-    return (channel * np.exp(1j * np.outer(delay, offset))).mean(1)
+    return channel * np.exp(1j * np.outer(delay, offset))
+
+
+def channel_at_centre(
+    channel: Complex[NDArray, "n s"], subcarrier_hz: Float[NDArray, "s"]
+) -> Complex[NDArray, "n"]:
+    """Each packet's channel at the band centre: the average over subcarriers freed of the delay."""
+    return freed_of_delay(channel, subcarrier_hz).mean(1)
 
 
 def usable_packets(track: CsiTrack, receiver: str) -> Bool[NDArray, "n"]:
@@ -133,7 +141,7 @@ def pair_packets(observer: RobotLog, peer: RobotLog) -> PacketPairs:
     i, j = keep_forward[i], keep_reverse[j]
     order = np.argsort(forward.time_s[i], kind="stable")
     i, j = i[order], j[order]
-    product = channel_at_centre(forward.channel[i, 0], forward.subcarrier_hz) * channel_at_centre(
+    product = freed_of_delay(forward.channel[i, 0], forward.subcarrier_hz) * freed_of_delay(
         reverse.channel[j, 0], reverse.subcarrier_hz
     )
     wavelength_m = SPEED_OF_LIGHT_M_S / band_centre_hz(forward.subcarrier_hz)

@@ -45,6 +45,16 @@ def residual_statistics(
     return ResidualStatistics(first, squared / mean_real**2, _integrated_autocorrelation(in_phase.imag))
 
 
+def residual_smoothness(
+    model: SteeringModel, channel: Complex[NDArray, "n"], direction: Float[NDArray, "3"]
+) -> float:
+    """Correlation of one packet's residual with the next one's: 0 for noise, towards 1 beside other paths."""
+    turned = model.turned_back(channel, direction)
+    residual = turned - turned.mean()
+    power = float((np.abs(residual) ** 2).sum())
+    return float((residual[1:] * residual[:-1].conj()).real.sum()) / max(power, 1e-30)
+
+
 def _integrated_autocorrelation(score: Float[NDArray, "n"]) -> float:
     """1 + 2 Σρ up to the first small lag (initial positive sequence, Geyer 1992)."""
     n = len(score)

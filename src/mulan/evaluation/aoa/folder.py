@@ -8,7 +8,11 @@ from pathlib import Path
 from mulan.errors import InputError
 from mulan.wireless.link_bearing import DisplacementSource
 
-_PREFIX = {DisplacementSource.MOCAP: "ref_groundtruth", DisplacementSource.T265: "ref_t265"}
+_PREFIX = {
+    DisplacementSource.MOCAP: "ref_groundtruth",
+    DisplacementSource.T265: "ref_t265",
+    DisplacementSource.T265_WHEELS: "ref_t265",
+}
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from mulan.evaluation.aoa.cross_validation import CrossValidation
 from mulan.evaluation.aoa.scored_link import ScoredLink
 from mulan.mission.run_folder import write_atomically
 
@@ -164,3 +165,19 @@ def draw_aoa(links: Sequence[ScoredLink], folder: Path) -> list[Path]:
         draw_reliability(links, folder / "reliability.png"),
         draw_error_against_sigma(links, folder / "error_against_sigma.png"),
     ]
+
+
+def draw_before_and_after(validation: CrossValidation, title: str, path: Path) -> Path:
+    """Reliability on held-out places without calibration and with one fitted on the other places."""
+    figure, panel = plt.subplots(figsize=(5.2, 5.0), layout="constrained")
+    draw_diagonal(panel)
+    draw_levels(panel, validation.level_before, _THEIRS, "before")
+    draw_levels(panel, validation.level_after, _OURS, "after")
+    panel.set_title(
+        f"{title}\n{len(validation.place)} links held out by place, "
+        f"NLL {validation.nll_before:.2f} → {validation.nll_after:.2f} nats",
+        fontsize=9,
+    )
+    panel.set_ylabel("truth inside [% of links]")
+    panel.legend(fontsize=8, loc="upper left")
+    return _save(figure, path)

@@ -12,7 +12,13 @@ import numpy as np
 
 from mulan.errors import InputError
 from mulan.evaluation.aoa.folder import LinkSet
-from mulan.evaluation.aoa.scored_link import FailedLink, ScoredLink, scored_link, timed_bearing
+from mulan.evaluation.aoa.scored_link import (
+    FailedLink,
+    MeasuredLink,
+    ScoredLink,
+    measured_link,
+    timed_bearing,
+)
 from mulan.mission.run_folder import write_atomically
 from mulan.wireless.bearing import BearingConfig
 from mulan.wireless.link_bearing import DisplacementSource
@@ -42,12 +48,12 @@ class Task:
     config: AoaProtocolConfig
 
 
-Result = tuple[list[ScoredLink], list[FailedLink]]
+Result = tuple[list[MeasuredLink], list[FailedLink]]
 
 
 def measured_run(task: Task) -> Result:
     """All links of one file; what fails is told, not raised."""
-    scored: list[ScoredLink] = []
+    measured: list[MeasuredLink] = []
     failed: list[FailedLink] = []
     try:
         run = read_wsr_run(task.path)
@@ -68,8 +74,8 @@ def measured_run(task: Task) -> Result:
                 )
                 continue
             reported = row.reported.get(source) if row else None
-            scored.append(scored_link(task.set.name, run, link, source, bearing, milliseconds, reported))
-    return scored, failed
+            measured.append(measured_link(task.set.name, run, link, source, bearing, milliseconds, reported))
+    return measured, failed
 
 
 def _results(tasks: Sequence[Task], workers: int) -> Iterator[tuple[Task, Result]]:
@@ -111,8 +117,8 @@ def measure_links(
         by_file[task.path] = result
         if progress is not None:
             progress(len(by_file), len(tasks), f"{task.set.name} {task.path.stem}")
-    scored = [link for task in tasks for link in by_file[task.path][0]]
-    return scored, [link for task in tasks for link in by_file[task.path][1]]
+    measured = [link for task in tasks for link in by_file[task.path][0]]
+    return measured, [link for task in tasks for link in by_file[task.path][1]]
 
 
 def write_links(links: Sequence[ScoredLink], path: Path) -> None:

@@ -1,7 +1,7 @@
 """One link measured and compared with the truth."""
 
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -71,6 +71,15 @@ class ScoredLink:
 
 
 @dataclass(frozen=True)
+class MeasuredLink:
+    """A scored link with the bearing itself (its profile left out) and its truths."""
+
+    scored: ScoredLink
+    bearing: Bearing
+    truth: TrueAzimuth
+
+
+@dataclass(frozen=True)
 class FailedLink:
     """A link (or a whole file, if ``link`` is empty) without a bearing, and why."""
 
@@ -94,7 +103,7 @@ def timed_bearing(
     return bearing, 1e3 * (time.perf_counter() - began)
 
 
-def scored_link(
+def measured_link(
     set_name: str,
     run: WsrRun,
     link: WsrLink,
@@ -102,7 +111,7 @@ def scored_link(
     bearing: Bearing,
     milliseconds: float,
     reported: Reported | None,
-) -> ScoredLink:
+) -> MeasuredLink:
     """Compare one bearing with the truth."""
     origin = bearing.origin_odom_m if bearing.origin_odom_m is not None else bearing.T_odom_body[:3, 3]
     truth: TrueAzimuth = true_azimuth(run, link, source, origin)
@@ -110,7 +119,7 @@ def scored_link(
     azimuth = float(mixture.mean_rad[0])
     at_truth = np.array([truth.origin_rad])
     theirs = np.radians(reported.azimuth_deg) if reported else None
-    return ScoredLink(
+    scored = ScoredLink(
         set=set_name,
         run=run.name,
         link=link.name,
@@ -137,3 +146,4 @@ def scored_link(
         reported_variance=reported.variance if reported else None,
         reported_packets=reported.packets if reported else None,
     )
+    return MeasuredLink(scored, replace(bearing, profile=None), truth)
