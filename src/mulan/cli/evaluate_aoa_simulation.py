@@ -35,9 +35,10 @@ def main(arguments: Sequence[str]) -> int:
             config,
             noise_rad=(0.1, 1.0),
             trials=4,
+            packets=100,
             multipath_trials=10,
-            resolved_trials=2,
-            near_field_trials=2,
+            resolved_trials=1,
+            near_field_trials=1,
         )
     with progress_stages() as stage:
         metrics = evaluate_aoa_simulation(config, options.out, stage("simulating links"))

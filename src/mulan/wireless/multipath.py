@@ -230,6 +230,11 @@ def _distinct(fits: _Fits, count: int) -> _Fits:
     return fits.taken(np.array(rows))
 
 
+def _middle_of_band(channel: Complex[NDArray, "n s"]) -> Complex[NDArray, "n"]:
+    third = channel.shape[1] // 3
+    return channel[:, third : channel.shape[1] - third].mean(1)
+
+
 def resolve_paths(
     model: SteeringModel, channel: Complex[NDArray, "n *s"], config: MultipathConfig | None = None
 ) -> ResolvedPaths:
@@ -237,11 +242,12 @@ def resolve_paths(
 
     Args:
         model: Steering along the antenna path, with the wavenumber of the channel.
-        channel: One complex number a packet with its amplitude; several columns (subcarriers) are averaged.
+        channel: One complex number a packet with its amplitude; of several columns (subcarriers)
+            the middle third is averaged: over a whole band the mean of squares is no square.
         config: Options.
     """
     config = config or MultipathConfig()
-    centre = channel if channel.ndim == 1 else channel.mean(1)
+    centre = channel if channel.ndim == 1 else _middle_of_band(channel)
     problem = _Problem(model, centre / np.sqrt(np.mean(np.abs(centre) ** 2)), config)
     n = len(centre)
     fits = problem.refine(problem.first(), _TRIAL_STEPS)

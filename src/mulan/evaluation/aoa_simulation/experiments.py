@@ -30,9 +30,9 @@ class AoaSimulationConfig:
     """Round-trip phase noise levels."""
     trials: int = 300
     """Links a noise level."""
-    multipath_trials: int = 400
+    multipath_trials: int = 300
     """Links with echoes that are scored; as many others fit the paper's metric."""
-    resolved_trials: int = 200
+    resolved_trials: int = 50
     """Of the scored links with echoes, so many are also given to the joint estimate of all paths."""
     near_field_trials: int = 200
     """Links at 3–10 m, seen by spherical and plane waves."""
