@@ -142,7 +142,7 @@ def summary(sweep: Sweep, config: AoaMetricConfig) -> dict[str, Any]:
         "links": len(sweep.noise_rad),
         "power_law": {name: law and vars(law) for name, law in laws.items()},
         "spearman_with_abs_error": {
-            "kappa_paper": float(spearmanr(sweep.kappa_paper, sweep.peak_error_rad)[0]),
-            "ours": float(spearmanr(sweep.spread_rad, sweep.error_rad)[0]),
+            "kappa_paper": float(np.asarray(spearmanr(sweep.kappa_paper, sweep.peak_error_rad))[0]),
+            "ours": float(np.asarray(spearmanr(sweep.spread_rad, sweep.error_rad))[0]),
         },
     }
