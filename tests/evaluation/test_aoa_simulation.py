@@ -14,15 +14,15 @@ def test_aoa_simulation_writes_figures_with_their_provenance(tmp_path):
     assert evaluate.main(["aoa-simulation", "--out", str(tmp_path), "--quick"]) == 0
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert metrics["provenance"]["seed"] == 0
-    assert [level["links"] for level in metrics["efficiency"]] == [8, 8]
+    assert [level["links"] for level in metrics["efficiency"]] == [4, 4]
     assert (tmp_path / "aoa-simulation.png").stat().st_size > 1000
 
 
 def test_aoa_metric_writes_figures_and_a_calibration(tmp_path):
     assert evaluate.main(["aoa-metric", "--out", str(tmp_path), "--quick"]) == 0
     metrics = json.loads((tmp_path / "metrics.json").read_text())
-    assert metrics["apertures"][0]["links"] == 40
-    assert load_kappa_calibration(tmp_path / "kappa-calibration-0.2m.json").links == 40
+    assert metrics["apertures"][0]["links"] == 20
+    assert load_kappa_calibration(tmp_path / "kappa-calibration-0.2m.json").links == 20
     assert (tmp_path / "aoa-metric.png").stat().st_size > 1000
 
 
@@ -34,12 +34,12 @@ def test_wrapped_phase_holds_less_information_than_its_variance_says():
 def test_errors_are_near_the_bound():
     rng = np.random.default_rng(3)
     ratio = []
-    for _ in range(40):
+    for _ in range(16):
         link = simulate_link(loop(200, 0.5), 5.0, rng, 0.3)
         trial = run_trial(link, 5.0)
         bound = direction_bound(link.position_m, link.direction, 5.0, 0.3)
         ratio.append(trial.top_error_rad @ np.linalg.solve(bound, trial.top_error_rad) / 2)
-    assert 0.7 < np.sqrt(np.mean(ratio)) < 1.3
+    assert 0.6 < np.sqrt(np.mean(ratio)) < 1.5
 
 
 def test_power_law_of_the_metric_is_recovered_and_read_back(tmp_path):

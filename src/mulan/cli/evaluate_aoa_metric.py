@@ -29,7 +29,7 @@ def main(arguments: Sequence[str]) -> int:
     options = tyro.cli(Options, args=arguments, prog="mulan evaluate aoa-metric")
     config = options.sweep
     if options.quick:
-        config = replace(config, extents_m=(0.2,), trials=40, fewest_in_window=3)
+        config = replace(config, extents_m=(0.2,), trials=20, fewest_in_window=3)
     with progress_stages() as stage:
         metrics = evaluate_aoa_metric(config, options.out, stage("sweeping phase noise"))
     for aperture in metrics["apertures"]:

@@ -31,7 +31,15 @@ def main(arguments: Sequence[str]) -> int:
     options = tyro.cli(Options, args=arguments, prog="mulan evaluate aoa-simulation")
     config = options.simulation
     if options.quick:
-        config = replace(config, noise_rad=(0.1, 1.0), trials=8, multipath_trials=10, near_field_trials=3)
+        config = replace(
+            config,
+            noise_rad=(0.1, 1.0),
+            trials=4,
+            packets=100,
+            multipath_trials=10,
+            resolved_trials=1,
+            near_field_trials=1,
+        )
     with progress_stages() as stage:
         metrics = evaluate_aoa_simulation(config, options.out, stage("simulating links"))
     for name, met in metrics["goals"].items():

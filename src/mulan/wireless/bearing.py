@@ -17,12 +17,14 @@ from mulan.wireless.channel import pair_packets
 from mulan.wireless.drift_tracking import tracked_peaks, tracked_weights
 from mulan.wireless.kappa_paper import kappa_paper
 from mulan.wireless.level_posterior import LevelPosteriorConfig, level_hypotheses
+from mulan.wireless.multipath import MultipathConfig, resolve_paths
 from mulan.wireless.odometry_drift import displacement_covariance
 from mulan.wireless.peak import SteeringModel, grid_peaks, refined_peaks, steering_model
 from mulan.wireless.principal_channels import principal_channels
 from mulan.wireless.profile import bartlett_power, unit_sum_profile
 from mulan.wireless.types import Bearing
 from mulan.wireless.uncertainty import (
+    drift_covariance,
     hypothesis_weights,
     is_level,
     is_straight,
@@ -35,6 +37,7 @@ _COHERENT_DRIFT_RAD2 = 0.25  # more drift than half a radian of phase is tracked
 _TRACKED_STARTS = 12
 _PROFILE_CHANNELS = 3  # principal components in the profile; on real cards they hold 98 % of the power
 _REFLECTED_SMOOTHNESS = 0.25  # white residuals stay below 0.1 from 300 packets, real rooms show 0.6 to 0.9
+_CURVED_PHASE_RAD = 3.0  # more curvature than this moves plane-wave peaks out of the true one's main lobe
 _FOCUS_AZIMUTHS, _FOCUS_ELEVATIONS = 180, 91
 
 
@@ -64,6 +67,8 @@ class BearingConfig:
     """Curve the wavefront by the UWB range where there is one."""
     keep_profile: KeepProfile = KeepProfile.ONE
     """Keep the full profile of no, one (the sharpest) or all bearings."""
+    multipath: MultipathConfig = field(default_factory=MultipathConfig)
+    """How the paths of an aperture among reflections are told apart (paths that are not level)."""
     kappa_tolerance_rad: float = 0.5
     """Phase noise ν of the rebuilt channel in the paper's uncertainty."""
     assumed_drift_percent: float = 1.0
@@ -139,6 +144,18 @@ def _among_reflections(
     return _Hypotheses(found.direction, covariance, found.weight, found.outlier_mass, ordered=True)
 
 
+def _resolved(
+    aperture: Aperture,
+    model: SteeringModel,
+    drift_variance_m2: Float[NDArray, "n"],
+    config: BearingConfig,
+) -> _Hypotheses:
+    """Directions of all paths together, where the smooth residual of one says that reflections limit it."""
+    paths = resolve_paths(model, aperture.channel, config.multipath)
+    drift = np.array([drift_covariance(model, u, drift_variance_m2) for u in paths.direction])
+    return _Hypotheses(paths.direction, paths.covariance + drift, paths.weight, paths.outlier_mass)
+
+
 def _tracked(
     model: SteeringModel,
     channel: Complex[NDArray, "n"],
@@ -166,6 +183,12 @@ def _tracked(
     )
 
 
+def _curvature_rad(model: SteeringModel) -> float:
+    """Phase by which a spherical wave departs from a plane one at the path's farthest point."""
+    assert model.range_m is not None
+    return float(model.wavenumber_rad_m * (model.relative_m**2).sum(1).max() / (2 * model.range_m))
+
+
 def bearing_of_aperture(
     aperture: Aperture, observer: RobotLog, range_m: float | None, config: BearingConfig
 ) -> Bearing | None:
@@ -188,6 +211,15 @@ def bearing_of_aperture(
     )
     level = is_level(model)
     searched = power.copy()
+    if model.range_m is not None and _curvature_rad(model) > _CURVED_PHASE_RAD:
+        searched = bartlett_power(
+            aperture.position_odom_m,
+            components,
+            aperture.wavelength_m,
+            config.azimuth_count,
+            config.elevation_count,
+            range_m=model.range_m,
+        )
     if level:
         searched[: config.elevation_count // 2] = 0  # the mirror image below the horizon says nothing new
     drift = _drift_variance(aperture, observer)
@@ -195,7 +227,8 @@ def bearing_of_aperture(
         found = _tracked(model, channel, searched, drift, config)
     else:
         strongest = refined_peaks(model, channel, searched, 1)[0]
-        if level and residual_smoothness(model, channel, strongest) > _REFLECTED_SMOOTHNESS:
+        reflected = residual_smoothness(model, channel, strongest) > _REFLECTED_SMOOTHNESS
+        if level and reflected:
             correlation = residual_statistics(model, channel, strongest).correlation_packets
             found = _among_reflections(aperture, model.range_m, correlation, config)
         else:
@@ -205,7 +238,10 @@ def bearing_of_aperture(
                     np.diff(aperture.position_odom_m, axis=0, prepend=aperture.position_odom_m[:1]), axis=1
                 )
                 drift = (config.assumed_drift_percent / 100) ** 2 * np.cumsum(steps_m)
-            found = _coherent(model, channel, power, searched, drift, config)
+            if reflected:
+                found = _resolved(aperture, model, drift, config)
+            else:
+                found = _coherent(model, channel, power, searched, drift, config)
     kept = found.weight >= 1e-3 * found.weight.max()
     kept[0] |= found.ordered
     order = np.arange(kept.sum()) if found.ordered else np.argsort(-found.weight[kept], kind="stable")

@@ -99,14 +99,42 @@ def sandwich_covariance(
     white = statistics.variance_rad2 * gain @ gain.T
     lasting = (statistics.correlation_packets - 1) * white
     if drift_variance_m2 is not None:
-        # a random walk has covariance min(q_k, q_l), whose factor is a running sum of independent steps
-        steps = np.sqrt(np.maximum(np.diff(drift_variance_m2, prepend=0.0), 0.0)) * model.wavenumber_rad_m
-        tail = np.cumsum(gain[:, ::-1], axis=1)[:, ::-1] * steps
-        drift = tail @ tail.T
+        drift = _walk_covariance(gain, drift_variance_m2, model.wavenumber_rad_m)
         lasting = drift if np.trace(drift) > np.trace(lasting) else lasting
     covariance = white + lasting
     if level:
         return np.array([[covariance[0, 0], 0.0], [0.0, np.inf]])
+    return covariance
+
+
+def _walk_covariance(
+    gain: Float[NDArray, "q n"], drift_variance_m2: Float[NDArray, "n"], wavenumber_rad_m: float
+) -> Float[NDArray, "q q"]:
+    """What a random walk of the antenna does to ``gain @ phase``."""
+    # a random walk has covariance min(q_k, q_l), whose factor is a running sum of independent steps
+    steps = np.sqrt(np.maximum(np.diff(drift_variance_m2, prepend=0.0), 0.0)) * wavenumber_rad_m
+    tail = np.cumsum(gain[:, ::-1], axis=1)[:, ::-1] * steps
+    return tail @ tail.T
+
+
+def drift_covariance(
+    model: SteeringModel, direction: Float[NDArray, "3"], drift_variance_m2: Float[NDArray, "n"]
+) -> Float[NDArray, "2 2"]:
+    """Part of a direction's covariance [rad²] that odometry drift causes; none in elevation on a level path.
+
+    Args:
+        model: Steering.
+        direction: Unit vector.
+        drift_variance_m2: As for ``sandwich_covariance``.
+    """
+    J = model.jacobian(direction)
+    J = J - J.mean(0)
+    if is_level(model):
+        J = J[:, :1]
+    covariance = np.zeros((2, 2))
+    gain = np.linalg.pinv(J, rcond=1e-9)
+    axes = J.shape[1]
+    covariance[:axes, :axes] = _walk_covariance(gain, drift_variance_m2, model.wavenumber_rad_m)
     return covariance
 
 

@@ -42,6 +42,7 @@ def draw_metric(
             lower.set(xlabel=label, ylabel="variance of the error [deg²]")
     for panel in axes.flat:
         panel.grid(alpha=0.3)
+        panel.locator_params(axis="x", nbins=5)
     write_atomically(path, lambda temporary: figure.savefig(temporary, dpi=110))
     plt.close(figure)
 

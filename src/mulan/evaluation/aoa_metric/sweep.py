@@ -20,7 +20,7 @@ Progress = Callable[[int, int, str], None]
 class AoaMetricConfig:
     """Size of the sweep."""
 
-    extents_m: tuple[float, ...] = (0.1, 0.15, 0.2, 0.3, 0.5)
+    extents_m: tuple[float, ...] = (0.05, 0.1, 0.2, 0.3, 0.5)
     """Diameters of the antenna path."""
     trials: int = 640
     """Links a diameter; the phase noise on the measured channel sweeps ``noise_rad`` evenly."""
@@ -102,7 +102,12 @@ def sweep_noise(extent_m: float, config: AoaMetricConfig, progress: Progress) ->
 def variance_in_windows(
     metric: Float[NDArray, "n"], error_rad: Float[NDArray, "n"], config: AoaMetricConfig
 ) -> tuple[Float[NDArray, "w"], Float[NDArray, "w"]]:
-    """Window centres and the variance of the absolute error [rad²] in a window that slides by a fifth."""
+    """Window centres and the variance of the error [rad²] in a window that slides by a fifth.
+
+    The error is a displacement on the sphere that is zero on average, so its variance is the mean square of
+    the angle. (The variance of the angle itself falls again once all directions are random: it is about a
+    mean that is then 90 degrees.)
+    """
     low, high = metric.min(), metric.max()
     width = config.window_share * (high - low)
     centres, variances = [], []
@@ -110,7 +115,7 @@ def variance_in_windows(
         inside = (metric >= begin) & (metric <= begin + width)
         if inside.sum() >= config.fewest_in_window:
             centres.append(metric[inside].mean())
-            variances.append(error_rad[inside].var())
+            variances.append((error_rad[inside] ** 2).mean())
     return np.array(centres), np.array(variances)
 
 
@@ -137,7 +142,7 @@ def summary(sweep: Sweep, config: AoaMetricConfig) -> dict[str, Any]:
         "links": len(sweep.noise_rad),
         "power_law": {name: law and vars(law) for name, law in laws.items()},
         "spearman_with_abs_error": {
-            "kappa_paper": float(spearmanr(sweep.kappa_paper, sweep.peak_error_rad).statistic),
-            "ours": float(spearmanr(sweep.spread_rad, sweep.error_rad).statistic),
+            "kappa_paper": float(np.asarray(spearmanr(sweep.kappa_paper, sweep.peak_error_rad))[0]),
+            "ours": float(np.asarray(spearmanr(sweep.spread_rad, sweep.error_rad))[0]),
         },
     }

@@ -91,7 +91,15 @@ def aperture_of(link: SimulatedLink) -> tuple[Aperture, RobotLog]:
     n = len(link.position_m)
     time_s = np.linspace(0.0, _DURATION_S, n)
     aperture = Aperture(
-        "observer", "peer", time_s, time_s, link.position_m, link.channel, WAVELENGTH_M, n // 2, np.eye(4)
+        "observer",
+        "peer",
+        time_s,
+        time_s,
+        link.position_m,
+        link.channel[:, None],
+        WAVELENGTH_M,
+        n // 2,
+        np.eye(4),
     )
     T = np.tile(np.eye(4), (n, 1, 1))
     T[:, :3, 3] = link.position_m

@@ -36,14 +36,14 @@ def draw_simulation(metrics: dict[str, Any], path: Path) -> None:
         xscale="log", xlabel="claimed sigma [deg]", ylim=(0.5, 1.5), title="empirical / claimed sigma"
     )
     echoes = metrics["multipath"]
-    names = ["ours", "kappa_paper,\nfitted", "kappa_paper,\nno outliers"]
+    names = ["ours", "kappa_paper", "kappa_paper\nno outliers"]
     values = [echoes["nll"], echoes["nll_kappa_paper"], echoes["nll_kappa_paper_no_outlier_mass"]]
     axes[2].bar(names, values, color=[_OURS, _PAPER, _PAPER])
     axes[2].axhline(0, color="0.3", lw=0.8)
     found = 100 * echoes["truth_among_hypotheses"]
     axes[2].set(
         ylabel="held-out NLL [nats], lower is better",
-        title=f"1–3 echoes; truth among hypotheses {found:.1f} %",
+        title=f"1–3 echoes, truth kept in {found:.1f} %",
     )
     close = metrics["near_field"]
     names = ["spherical", "plane wave"]

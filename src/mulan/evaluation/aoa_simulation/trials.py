@@ -47,6 +47,24 @@ def angle_rad(u: Float[NDArray, "*b 3"], v: Float[NDArray, "3"]) -> Float[NDArra
     return np.asarray(2 * np.arcsin(np.clip(np.linalg.norm(u - v, axis=-1) / 2, 0.0, 1.0)))
 
 
+def mixture_density(
+    direction: Float[NDArray, "k 3"],
+    covariance: Float[NDArray, "k 2 2"],
+    weight: Float[NDArray, "k"],
+    outlier_mass: float,
+    truth: Float[NDArray, "3"],
+) -> float:
+    """Density [1/sr] at the truth of tangent-plane Gaussians and an outlier mass spread over the sphere."""
+    density = outlier_mass / (4 * np.pi)
+    for u, spread, share in zip(direction, covariance, weight, strict=True):
+        if u @ truth <= 0:  # the tangent plane of the far side folds onto the near one
+            continue
+        error = tangent_basis(u).T @ (truth - u)
+        exponent = -0.5 * error @ np.linalg.solve(spread, error)
+        density += share * np.exp(exponent) / (2 * np.pi * np.sqrt(np.linalg.det(spread)))
+    return float(density)
+
+
 def run_trial(link: SimulatedLink, range_m: float | None, config: BearingConfig = SIMULATED) -> Trial:
     """Estimate and compare with the truth.
 
@@ -59,22 +77,15 @@ def run_trial(link: SimulatedLink, range_m: float | None, config: BearingConfig 
     bearing = bearing_of_aperture(aperture, log, range_m, config)
     assert bearing is not None
     assert bearing.profile is not None
-    density = bearing.outlier_mass / (4 * np.pi)
-    errors = []
-    for u, covariance, weight in zip(
-        bearing.direction_odom, bearing.tangent_covariance, bearing.weight, strict=True
-    ):
-        error = tangent_basis(u).T @ (link.direction - u)
-        errors.append(error)
-        if u @ link.direction <= 0:  # the tangent plane of the far side folds onto the near one
-            continue
-        exponent = -0.5 * error @ np.linalg.solve(covariance, error)
-        density += weight * np.exp(exponent) / (2 * np.pi * np.sqrt(np.linalg.det(covariance)))
+    direction = bearing.direction_odom
+    density = mixture_density(
+        direction, bearing.tangent_covariance, bearing.weight, bearing.outlier_mass, link.direction
+    )
     row, column = np.unravel_index(int(bearing.profile.power.argmax()), bearing.profile.power.shape)
     peak = unit_direction(bearing.profile.azimuth_rad[[column]], bearing.profile.elevation_rad[[row]])[0]
     return Trial(
-        angle_rad(bearing.direction_odom, link.direction),
-        errors[0],
+        angle_rad(direction, link.direction),
+        tangent_basis(direction[0]).T @ (link.direction - direction[0]),
         bearing.tangent_covariance[0],
         float(-np.log(density)),
         bearing.kappa_paper,
