@@ -115,8 +115,7 @@ def test_six_freedoms_and_a_common_floor_work():
 
 
 TWO_HUNDRED_KEYFRAMES = """
-import subprocess
-import sys
+import time
 import numpy as np
 from mulan.localization.graph import LocalizationConfig
 from mulan.localization.localize import localize_from_measurements

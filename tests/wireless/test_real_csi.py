@@ -30,6 +30,7 @@ def test_line_of_sight_bearings_of_real_cards_beat_the_published_ones(source, me
         for link in run.links:
             bearing = link_bearing(run, link, source, BearingConfig())
             assert bearing is not None
+            assert bearing.origin_odom_m is not None
             assert np.isinf(bearing.tangent_covariance[:, 1, 1]).all()
             truth = np.array([true_azimuth(run, link, source, bearing.origin_odom_m).origin_rad])
             mixture = azimuth_mixture(bearing)

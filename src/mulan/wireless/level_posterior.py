@@ -102,8 +102,9 @@ def _posterior(shares: LevelShares, looks: float, scale_sigma: float) -> Float[N
     """Probability of each azimuth cell, distance and scale integrated out."""
     log = -looks * np.log1p(-np.clip(shares.share, 0.0, 0.999999))
     prior = -0.5 * ((shares.scale - 1) / scale_sigma) ** 2
-    marginal = logsumexp(log + prior[None, :, None], axis=(0, 1))
-    return np.exp(marginal - logsumexp(marginal))
+    marginal = np.asarray(logsumexp(log + prior[None, :, None], axis=(0, 1)))
+    mass = np.exp(marginal - marginal.max())
+    return mass / mass.sum()
 
 
 def _apart_rad(a: Float[NDArray, "*x"], b: Float[NDArray, "*y"] | float) -> Float[NDArray, "*z"]:
