@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
+from jaxtyping import Complex
+from numpy.typing import NDArray
 
 from mulan.mission.types import CsiTrack
 
@@ -27,7 +29,7 @@ class AntennaFault:
     Attributes:
         antenna: Its index in ``CsiTrack.channel``.
         kind: What is wrong.
-        below_strongest_db: How much weaker it is than the strongest antenna; infinite without any power.
+        below_strongest_db: How much weaker it is than the strongest good antenna; infinite without any power.
     """
 
     antenna: int
@@ -38,21 +40,25 @@ class AntennaFault:
 def antenna_faults(track: CsiTrack) -> tuple[AntennaFault, ...]:
     """Antennas of a track that no estimator may use."""
     finite = np.asarray(np.isfinite(track.channel).all(2))
-    power = (np.abs(np.where(finite[..., None], track.channel, 0)) ** 2).mean(2)
-    median = np.median(power, 0)
+    power = np.median((np.abs(np.where(finite[..., None], track.channel, 0)) ** 2).mean(2), 0)
+    kinds = [_kind(track.channel[finite[:, k], k], len(finite)) for k in range(len(power))]
+    strongest = max((p for p, kind in zip(power, kinds, strict=True) if kind is None), default=power.max())
     faults = []
-    for antenna in range(track.channel.shape[1]):
-        seen = track.channel[finite[:, antenna], antenna]
-        below_db = 10 * np.log10(median.max() / median[antenna]) if median[antenna] > 0 else np.inf
-        if 2 * len(seen) < len(track.time_s):
-            kind = FaultKind.NOT_FINITE
-        elif median[antenna] == 0:
-            kind = FaultKind.ZERO
-        elif len(seen) >= _FEWEST_TO_JUDGE and (seen == seen[0]).all():
-            kind = FaultKind.CONSTANT
-        elif below_db > _WEAK_DB:
+    for antenna, kind in enumerate(kinds):
+        below_db = float(10 * np.log10(strongest / power[antenna])) if power[antenna] > 0 else float("inf")
+        if kind is None and below_db > _WEAK_DB:
             kind = FaultKind.WEAK
-        else:
-            continue
-        faults.append(AntennaFault(antenna, kind, float(below_db)))
+        if kind is not None:
+            faults.append(AntennaFault(antenna, kind, below_db))
     return tuple(faults)
+
+
+def _kind(seen: Complex[NDArray, "n s"], packets: int) -> FaultKind | None:
+    """What is wrong with one antenna by itself; ``seen`` are its finite packets."""
+    if 2 * len(seen) < packets:
+        return FaultKind.NOT_FINITE
+    if 2 * np.count_nonzero(seen.any(1)) < len(seen):
+        return FaultKind.ZERO
+    if len(seen) >= _FEWEST_TO_JUDGE and (seen == seen[0]).all():
+        return FaultKind.CONSTANT
+    return None

@@ -21,6 +21,7 @@ from mulan.errors import InputError
 from mulan.wireless.channel import channel_at_centre
 
 _FFT = 128  # slopes tried; four times finer than the resolution of a window
+_FREE_STEP_NATS = 4.0  # one free parameter fits noise better by less
 
 
 @dataclass(frozen=True)
@@ -29,10 +30,12 @@ class PhaseJumpConfig:
 
     half_window: int = 16
     """Packets on each side that the phase is followed over; the path must be nearly straight within them."""
-    least_evidence: float = 24.0
-    """Smallest likelihood ratio [nats] of a step against none."""
-    most_evidence_for_other_steps: float = 4.0
-    """A step of any size may fit better than the quarter turns by this likelihood ratio [nats] at most."""
+    least_evidence_half: float = 32.0
+    """Smallest likelihood ratio [nats] of a half turn against no step."""
+    least_evidence_quarter: float = 36.0
+    """The same for one or three quarter turns, which noise and reflections imitate more often."""
+    most_better_other: float = 0.2
+    """A step of any other size may fit better by this share of the evidence (or 4 nats), not by more."""
     most_jumps: int = 8
     """A recording with more is refused."""
 
@@ -99,8 +102,12 @@ def jumps_of(phasor: Complex[NDArray, "n"], config: PhaseJumpConfig | None = Non
     found: list[tuple[int, int, float]] = []
     if n >= 2 * half:
         evidence, other = _evidence(phasor.astype(np.complex64), half)
-        evidence[other - evidence > config.most_evidence_for_other_steps] = 0.0
-        while evidence.max() >= config.least_evidence:
+        evidence[other - evidence > np.maximum(config.most_better_other * evidence, _FREE_STEP_NATS)] = 0.0
+        least = np.array(
+            [config.least_evidence_quarter, config.least_evidence_half, config.least_evidence_quarter]
+        )
+        evidence[evidence < least[:, None]] = 0.0
+        while evidence.max() > 0:
             q, k = (int(v) for v in np.unravel_index(evidence.argmax(), evidence.shape))
             found.append((k + half, q + 1, float(evidence[q, k])))
             evidence[:, max(k - half, 0) : k + half + 1] = 0.0
