@@ -1,13 +1,14 @@
 """From raw CSI of both directions to a round-trip channel per packet pair, free of clock offsets."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Bool, Complex, Float, Int
 from numpy.typing import NDArray
 
 from mulan.errors import InputError
 from mulan.mission.types import CsiTrack, RobotLog
+from mulan.wireless.pairing import pair_indices
 
 SPEED_OF_LIGHT_M_S = 299_792_458.0
 _MAX_DELAY_S = 400e-9  # packet detection jitter is a few 50 ns samples
@@ -104,11 +105,23 @@ def usable_packets(track: CsiTrack, receiver: str) -> Bool[NDArray, "n"]:
     return good
 
 
+def _rows(track: CsiTrack, rows: Int[NDArray, "k"]) -> CsiTrack:
+    return replace(
+        track,
+        time_s=track.time_s[rows],
+        frame_counter=track.frame_counter[rows],
+        channel=track.channel[rows],
+    )
+
+
 def pair_packets(observer: RobotLog, peer: RobotLog) -> PacketPairs:
-    """Pair packets by frame counter and multiply both directions, which cancels the CFO (readings.md, row 5).
+    """Pair packets and multiply both directions, which cancels the CFO (readings.md, row 5).
+
+    Packets pair by frame counter, by time where no counter matches.
 
     Raises:
-        InputError: A direction is missing or dead, the bands differ, or no counter occurs on both sides.
+        InputError: A direction is missing or dead, the bands differ, or no counter occurs on both
+            sides and the times do not tell which packets belong together.
     """
     for receiver, sender in ((observer, peer), (peer, observer)):
         if sender.name not in receiver.csi:
@@ -128,19 +141,8 @@ def pair_packets(observer: RobotLog, peer: RobotLog) -> PacketPairs:
         )
     keep_forward = np.flatnonzero(usable_packets(forward, observer.name))
     keep_reverse = np.flatnonzero(usable_packets(reverse, peer.name))
-    _, i, j = np.intersect1d(
-        forward.frame_counter[keep_forward], reverse.frame_counter[keep_reverse], return_indices=True
-    )
-    if len(i) == 0:
-        raise InputError(
-            f"/{observer.name}/csi/{peer.name}",
-            "frame_counter",
-            f"no value occurs in /{peer.name}/csi/{observer.name} as well",
-            "give a packet and its reply the same counter",
-        )
+    i, j = pair_indices(_rows(forward, keep_forward), _rows(reverse, keep_reverse))
     i, j = keep_forward[i], keep_reverse[j]
-    order = np.argsort(forward.time_s[i], kind="stable")
-    i, j = i[order], j[order]
     product = freed_of_delay(forward.channel[i, 0], forward.subcarrier_hz) * freed_of_delay(
         reverse.channel[j, 0], reverse.subcarrier_hz
     )
