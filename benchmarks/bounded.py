@@ -77,26 +77,13 @@ VARIANTS = {
     "256 steps": Variant(march={"steps": 256}),
     "batches of 4096": Variant(train={"batch_samples": 4096}),
     "batches of 16384": Variant(train={"first_batch_samples": 16384}),
-    "batches grow": Variant(train={"first_batch_samples": 4096}),
-    "thick cells, little light": Variant(march={"occupancy_threshold": 0.03, "min_transmittance": 1e-3}),
-    "thick cells, large steps": Variant(
-        march={"occupancy_threshold": 0.03, "min_transmittance": 1e-3},
-        optimiser={"table_learning_rate": 3e-2},
-    ),
-    "batches grow to 32768": Variant(
-        march={"occupancy_threshold": 0.03, "min_transmittance": 1e-3},
-        train={"first_batch_samples": 16384, "batch_samples": 32768},
-    ),
-    "large steps to 32768": Variant(
-        march={"occupancy_threshold": 0.03, "min_transmittance": 1e-3},
-        optimiser={"table_learning_rate": 3e-2},
-        train={"first_batch_samples": 16384, "batch_samples": 32768},
-    ),
+    "batches from 4096": Variant(train={"first_batch_samples": 4096}),
+    "batches to 32768": Variant(train={"first_batch_samples": 16384, "batch_samples": 32768}),
     "table of 2^17": Variant(field={"log2_table_size": 17}),
-    "as if quick": Variant(
-        march={"steps": 288, "occupancy_threshold": 0.03, "min_transmittance": 1e-3},
-        optimiser={"table_learning_rate": 3e-2},
-        train={"first_batch_samples": 4096},
+    "as if long": Variant(
+        march={"occupancy_threshold": 0.01, "min_transmittance": 1e-4},
+        optimiser={"table_learning_rate": 2e-2},
+        train={"first_batch_samples": 16384},
     ),
     "none of it": Variant(
         march={"steps": 256, "occupancy_threshold": 0.01, "min_transmittance": 1e-4},

@@ -14,6 +14,16 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 FUZZ = Path(__file__).with_name("fuzz_under_sanitizers.py")
 
 
+def library_of_compiler(name: str) -> str | None:
+    """Where the compiler would find a library, None if nowhere."""
+    try:
+        command = ["c++", f"-print-file-name={name}"]
+        found = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return found if Path(found).is_absolute() else None
+
+
 @dataclass(frozen=True)
 class Sanitizer:
     """One way to instrument the library.
@@ -30,16 +40,13 @@ class Sanitizer:
 
     def runtime_path(self) -> str | None:
         """The run-time library, None if the compiler has none."""
-        try:
-            command = ["c++", f"-print-file-name={self.runtime}"]
-            found = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-        except (OSError, subprocess.CalledProcessError):
-            return None
-        return found if Path(found).is_absolute() else None
+        return library_of_compiler(self.runtime)
 
     def run(self, *arguments: str, **environment: str) -> "subprocess.CompletedProcess[str]":
         """Python with the run-time loaded, started in the repository."""
-        preload = {"LD_PRELOAD": self.runtime_path() or "", "PYTHONPATH": str(REPOSITORY)}
+        # torch throws exceptions of C++, which the run-time does not find in python, a program in C
+        libraries = (self.runtime_path(), library_of_compiler("libstdc++.so.6"))
+        preload = {"LD_PRELOAD": " ".join(filter(None, libraries)), "PYTHONPATH": str(REPOSITORY)}
         return subprocess.run(
             [sys.executable, *arguments],
             env=os.environ | preload | self.options | environment,
@@ -84,7 +91,8 @@ def main() -> int:
             )
             return 1
         library = str(build(sanitizer))
-        tests = ["-m", "pytest", "-x", "tests/native", "-k", "not sanitizer and not arm64"]
+        # nothing captured, or a sanitizer's report would be lost with the process it ends
+        tests = ["-m", "pytest", "-x", "-s", "tests/native", "-k", "not sanitizer and not arm64"]
         for title, arguments in (("fuzzing", [str(FUZZ), library, "400"]), ("tests", tests)):
             done = sanitizer.run(*arguments, MULAN_TEST_LIBRARY=library, OMP_WAIT_POLICY="passive")
             print(f"{sanitizer.flags}, {title}: {'clean' if done.returncode == 0 else 'FAILED'}", flush=True)
