@@ -70,8 +70,8 @@ class TrainConfig:
 
     @property
     def _pixels(self) -> float:
-        """Of a picture, in those of one of 100 pixels a side; at least 1."""
-        return max(self.image_size / 100, 1.0) ** 2
+        """Of a picture, in those of one of 100 pixels a side; 1 to 4, since larger ones were not compared."""
+        return min(max(self.image_size / 100, 1.0) ** 2, 4.0)
 
     def what_is_learnt(self) -> dict[str, Any]:
         """The options the result depends on, not those on reports and files."""
