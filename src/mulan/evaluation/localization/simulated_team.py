@@ -193,9 +193,9 @@ def _range(
 
 
 def _centres(rng: np.random.Generator, robots: int, reach_m: float) -> Float[NDArray, "n 3"]:
-    """Two robots 3 to 6 m apart; a fleet spread over a square, all tied together by radio."""
+    """Two robots 2.5 to 5 m apart; a fleet spread over a square, all tied together by radio."""
     if robots == 2:
-        angle, apart = rng.uniform(-np.pi, np.pi), rng.uniform(3.0, 6.0)
+        angle, apart = rng.uniform(-np.pi, np.pi), rng.uniform(2.5, 5.0)
         away = np.array([apart * np.cos(angle), apart * np.sin(angle), rng.uniform(-0.5, 0.5)])
         return np.stack([np.zeros(3), away])
     side = _NEIGHBOUR_M * np.sqrt(robots)

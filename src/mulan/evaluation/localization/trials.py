@@ -21,7 +21,6 @@ from mulan.evaluation.localization.simulated_team import (
 )
 from mulan.geometry import se3, so3
 from mulan.localization.graph import LocalizationConfig
-from mulan.localization.keyframes import OdometryNoise
 from mulan.localization.localize import localize_from_measurements
 from mulan.localization.types import Localization
 
@@ -66,7 +65,6 @@ def told(case: Case) -> LocalizationConfig:
     return LocalizationConfig(
         range_bias_sigma_m=0.0,
         range_outlier_mass=told_share(case.outlier_share),
-        odometry_noise=OdometryNoise(rotation_floor_rad=1e-5, translation_floor_m=1e-5),
     )
 
 
