@@ -18,7 +18,7 @@ from mulan.localization.keyframes import (
     make_keyframes,
     measurement_times,
 )
-from mulan.localization.relative_measurements import bearing_origin, point_at, range_endpoints
+from mulan.localization.relative_measurements import bearing_origin, bearing_targets, range_endpoints
 from mulan.mission.types import RobotLog
 from mulan.wireless.ranging import RangingConfig
 from mulan.wireless.types import Bearing, Range
@@ -204,9 +204,8 @@ def build_graph(
         return Sight(keys[0], keys[1], a, b), i
 
     bearing_nodes = []
-    for bearing in bearings:
+    for bearing, peer_point in zip(bearings, bearing_targets(logs, bearings), strict=True):
         observer, peer = logs[bearing.observer], logs[bearing.peer]
-        peer_point = point_at(peer, bearing.peer_time_s, peer.wifi_antenna_body_m)
         joined, index = sight(
             (observer.name, bearing.time_s, bearing_origin(bearing, observer)),
             (peer.name, bearing.peer_time_s, peer_point),

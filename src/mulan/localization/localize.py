@@ -2,12 +2,12 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-import gtsam
 import numpy as np
 
 from mulan.errors import InputError
 from mulan.geometry import se3
 from mulan.localization.graph import LocalizationConfig, LocalizationGraph, build_graph
+from mulan.localization.graph_covariances import GraphCovariances
 from mulan.localization.initialization import initial_alignment
 from mulan.localization.solve import Solution, solve_graph
 from mulan.localization.types import Localization, PosedTrajectory
@@ -20,14 +20,14 @@ from mulan.wireless.types import Bearing, Range
 def _trajectories(
     robots: Sequence[RobotLog], graph: LocalizationGraph, solution: Solution
 ) -> Mapping[str, PosedTrajectory]:
-    marginals = gtsam.Marginals(solution.graph, solution.values)
+    marginals = GraphCovariances(solution.graph, solution.values)
     trajectories = {}
     for robot in robots:
         photo_s = robot.photo_time_s
         keyframes = graph.robots[robot.name]
         keys = [graph.key(robot.name, keyframes.nearest(t)) for t in photo_s]
         poses = [solution.values.atPose3(key).matrix() for key in keys]
-        covariance = [marginals.marginalCovariance(key) for key in keys]
+        covariance = [marginals.covariance(key) for key in keys]
         trajectories[robot.name] = PosedTrajectory(
             robot.name,
             photo_s,

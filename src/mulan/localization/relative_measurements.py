@@ -79,12 +79,25 @@ def range_endpoints(
     time_s = np.array([r.time_s for r in ranges], dtype=float)
     peer_s = time_s + np.array([offset[r.observer, r.peer] for r in ranges], dtype=float)
     observer_odom_m, peer_odom_m = np.zeros((len(ranges), 3)), np.zeros((len(ranges), 3))
-    for name, log in logs.items():
-        observing = np.array([r.observer == name for r in ranges], dtype=bool)
-        answering = np.array([r.peer == name for r in ranges], dtype=bool)
+    observer = np.array([r.observer for r in ranges], dtype=str)
+    peer = np.array([r.peer for r in ranges], dtype=str)
+    for name in np.unique([observer, peer]).tolist():
+        log, observing, answering = logs[name], observer == name, peer == name
         observer_odom_m[observing] = points_at(log, time_s[observing], log.uwb_antenna_body_m)
         peer_odom_m[answering] = points_at(log, peer_s[answering], log.uwb_antenna_body_m)
     return peer_s, observer_odom_m, peer_odom_m
+
+
+def bearing_targets(logs: Mapping[str, RobotLog], bearings: Sequence[Bearing]) -> Float[NDArray, "m 3"]:
+    """The peer's WiFi antenna of every bearing, in the peer's odometry frame."""
+    target_odom_m = np.zeros((len(bearings), 3))
+    peer = np.array([b.peer for b in bearings], dtype=str)
+    time_s = np.array([b.peer_time_s for b in bearings], dtype=float)
+    for name in np.unique(peer):
+        of = peer == name
+        log = logs[str(name)]
+        target_odom_m[of] = points_at(log, time_s[of], log.wifi_antenna_body_m)
+    return target_odom_m
 
 
 def bearing_origin(bearing: Bearing, observer: RobotLog) -> Float[NDArray, "3"]:
@@ -125,22 +138,25 @@ def gather(
     Sigmas get a floor for the odometry drift that the start-frame alignment ignores.
     """
     seen, sees = [], []
-    for bearing in bearings:
+    bearings = [
+        b for b in bearings
+        if (b.peer == robot.name and b.observer in placed) or (b.observer == robot.name and b.peer in placed)
+    ]  # fmt: skip
+    logs = {robot.name: robot, **{name: log for name, (log, _) in placed.items()}}
+    targets = bearing_targets(logs, bearings)
+    for bearing, target in zip(bearings, targets, strict=True):
         u, whitener = _whitener(bearing, smallest_sigma_rad)
-        if bearing.peer == robot.name and bearing.observer in placed:
+        if bearing.peer == robot.name:
             log, T = placed[bearing.observer]
             R = T[:3, :3]
             origin = se3.transform(T, bearing_origin(bearing, log))
-            target = point_at(robot, bearing.peer_time_s, robot.wifi_antenna_body_m)
             seen.append((origin, R @ u, whitener @ R.T, target))
-        if bearing.observer == robot.name and bearing.peer in placed:
-            log, T = placed[bearing.peer]
-            target = se3.transform(T, point_at(log, bearing.peer_time_s, log.wifi_antenna_body_m))
-            sees.append((bearing_origin(bearing, robot), u, whitener, target))
+        else:
+            in_world = se3.transform(placed[bearing.peer][1], target)
+            sees.append((bearing_origin(bearing, robot), u, whitener, in_world))
     near = [r for r in ranges if r.observer == robot.name and r.peer in placed]
     near += [r for r in ranges if r.peer == robot.name and r.observer in placed]
     near = near[:: max(1, -(-len(near) // most_ranges))]
-    logs = {robot.name: robot, **{name: log for name, (log, _) in placed.items()}}
     _, of_observer, of_peer = range_endpoints(logs, near, bearings)
     observing = np.array([r.observer == robot.name for r in near], dtype=bool)[:, None]
     own, other = np.where(observing, of_observer, of_peer), np.where(observing, of_peer, of_observer)

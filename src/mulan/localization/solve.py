@@ -1,6 +1,6 @@
 """Solving the graph with outliers: Huber first, then every measurement weighted by its probability."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import gtsam
@@ -17,8 +17,9 @@ from mulan.localization.graph import (
 from mulan.localization.least_squares import Problem, minimise
 from mulan.localization.measurement_terms import MeasurementTerms, huber, measurement_terms, quadratic
 
-_INFLATION = (3.0, 1.0, 1.0, 1.0)  # wide at first: a poor start rejects nothing for good
+_INFLATION = (3.0, 1.5, 1.0, 1.0, 1.0, 1.0)  # wide at first: a poor start rejects nothing for good
 _SETTLED = 0.02  # probabilities that change less need no further round
+_DOUBTED = 0.5  # a measurement less trusted gives reason to look for another solution
 _LEAST_TRUST = 0.02  # below it a measurement is left out
 _DETOUR_SPAN_M = 10.0  # wrong ranges are spread over so many metres
 
@@ -43,10 +44,10 @@ class Solution:
     cost: float
 
 
-def _trust(
+def _log_likelihoods(
     terms: MeasurementTerms, values: gtsam.Values, inflation: float
-) -> tuple[Float[NDArray, "m"], Int[NDArray, "b"]]:
-    """Posterior that each measurement (any hypothesis of a bearing) is right; the likeliest one."""
+) -> tuple[Float[NDArray, "m"], Float[NDArray, "m"], Int[NDArray, "b"]]:
+    """Of each measurement as a right one (any hypothesis), as a wrong one, and the likeliest hypothesis."""
     poses, b = terms.poses(values), len(terms.direction)
     v = terms.sight(poses)[0]
     miss = terms.bearing_misses(v[:b])
@@ -54,21 +55,23 @@ def _trust(
     # an axis that was not observed has variance one and no miss: it adds nothing but must not be normalised
     spread = np.linalg.slogdet(terms.covariance)[1] + terms.axes[:, None] * np.log(2 * np.pi * inflation**2)
     inside = terms.log_weight - squared / 2 - spread / 2
-    chosen = inside.argmax(1) if b else np.zeros(0, dtype=int)
     sphere = np.where(terms.axes == 1, 2 * np.pi, 4 * np.pi)
     sigma = terms.sigma_m * inflation
     mass = terms.outlier_mass
-    log_right = np.concatenate(
-        [
-            np.logaddexp.reduce(inside, axis=1) if b else np.zeros(0),
-            np.log1p(-mass[b:])
-            - (terms.range_misses(v[b:], poses) / sigma) ** 2 / 2
-            - np.log(np.sqrt(2 * np.pi) * sigma),
-        ]
-    )
+    right_range = np.log1p(-mass[b:]) - np.log(np.sqrt(2 * np.pi) * sigma)
+    right_range -= (terms.range_misses(v[b:], poses) / sigma) ** 2 / 2
+    log_right = np.concatenate([np.logaddexp.reduce(inside, axis=1), right_range])
     log_wrong = np.log(np.maximum(mass, 1e-300)) - np.log(
         np.concatenate([sphere, np.full(len(sigma), _DETOUR_SPAN_M)])
     )
+    return log_right, log_wrong, inside.argmax(1)
+
+
+def _trust(
+    terms: MeasurementTerms, values: gtsam.Values, inflation: float
+) -> tuple[Float[NDArray, "m"], Int[NDArray, "b"]]:
+    """Posterior that each measurement (any hypothesis of a bearing) is right; the likeliest one."""
+    log_right, log_wrong, chosen = _log_likelihoods(terms, values, inflation)
     return np.exp(log_right - np.logaddexp(log_right, log_wrong)), chosen
 
 
@@ -91,6 +94,63 @@ def _weighted(
     return factors
 
 
+@dataclass(frozen=True)
+class _State:
+    """Poses, the probability that each measurement is right, the hypotheses, and minus the log posterior."""
+
+    values: gtsam.Values
+    trust: Float[NDArray, "m"]
+    chosen: Int[NDArray, "b"]
+    cost: float
+
+
+@dataclass(frozen=True)
+class _Rounds:
+    """Expectation-maximisation on one graph."""
+
+    graph: LocalizationGraph
+    terms: MeasurementTerms
+    motion: gtsam.NonlinearFactorGraph
+
+    def settle(
+        self,
+        values: gtsam.Values,
+        inflations: Sequence[float],
+        progress: Callable[[int, int, str], None] | None,
+    ) -> _State:
+        """Alternate probabilities and poses, with sigmas inflated by each of these factors in turn."""
+        trust = np.full(len(self.terms.observer), np.nan)
+        solved_with = np.nan
+        for done, inflation in enumerate(inflations):
+            if progress is not None:
+                progress(done + 1, len(inflations) + 1, "solving")
+            before = trust
+            trust, chosen = _trust(self.terms, values, inflation)
+            if solved_with == inflation == inflations[-1] and not (np.abs(trust - before) > _SETTLED).any():
+                break  # the last solve already had these sigmas and, nearly, these probabilities
+            believed = np.where(trust < _LEAST_TRUST, 0.0, trust)
+            values = minimise(
+                Problem(self.motion, self.terms, chosen, believed, inflation, quadratic), values
+            )
+            solved_with = inflation
+        log_right, log_wrong, _ = _log_likelihoods(self.terms, values, 1.0)
+        cost = self.motion.error(values) - float(np.logaddexp(log_right, log_wrong).sum())
+        return _State(values, trust, chosen, cost)
+
+    def solution(self, state: _State) -> Solution:
+        """The outcome, with the graph its covariances come from."""
+        factors = _weighted(self.graph, self.motion, state.trust, state.chosen)
+        b = len(self.graph.bearings)
+        return Solution(
+            state.values,
+            factors,
+            state.trust[:b],
+            state.trust[b:],
+            state.chosen,
+            float(factors.error(state.values)),
+        )
+
+
 def solve_graph(
     graph: LocalizationGraph,
     initial: gtsam.Values,
@@ -99,23 +159,23 @@ def solve_graph(
     """Most probable poses, and which measurements to believe.
 
     Expectation-maximisation over the bearings' mixtures and the ranges' outliers, sigmas inflated at first;
-    each round is one Levenberg-Marquardt solve. A measurement's covariance is divided by its probability of
-    being right, so that doubt also widens the marginals.
+    each round is one Levenberg-Marquardt solve. Where doubts remain, a second path begins with a robust fit
+    of all measurements, and the more probable outcome is kept. A measurement's covariance is divided by its
+    probability of being right, so that doubt also widens the marginals.
     """
     terms, motion = measurement_terms(graph), graph.motion_factors()
-    trust, chosen = np.ones(len(terms.observer)), np.zeros(len(terms.direction), dtype=int)
-    values = minimise(Problem(motion, terms, chosen, trust, _INFLATION[0], huber), initial)
-    solved_with = _INFLATION[0]
-    for done, inflation in enumerate(_INFLATION):
-        if progress is not None:
-            progress(done + 1, len(_INFLATION) + 1, "solving")
-        before = trust
-        trust, chosen = _trust(terms, values, inflation)
-        if solved_with == inflation == _INFLATION[-1] and np.abs(trust - before).max(initial=0.0) < _SETTLED:
-            break  # the last solve already had these sigmas and, nearly, these probabilities
-        believed = np.where(trust < _LEAST_TRUST, 0.0, trust)
-        values = minimise(Problem(motion, terms, chosen, believed, inflation, quadratic), values)
-        solved_with = inflation
-    factors = _weighted(graph, motion, trust, chosen)
-    b = len(graph.bearings)
-    return Solution(values, factors, trust[:b], trust[b:], chosen, float(factors.error(values)))
+    rounds = _Rounds(graph, terms, motion)
+    found = rounds.settle(initial, _INFLATION, progress)
+    if (found.trust < _DOUBTED).any():
+        # a fit that believes no one fully may be pulled to a place from which the right ones look wrong
+        everything, none_chosen = np.ones(len(terms.observer)), np.zeros(len(terms.direction), dtype=int)
+        robust = Problem(motion, terms, none_chosen, everything, _INFLATION[0], huber)
+        other = rounds.settle(minimise(robust, initial), _INFLATION, None)
+        found = min(found, other, key=lambda state: state.cost)
+    return rounds.solution(found)
+
+
+def refine_solution(graph: LocalizationGraph, solution: Solution) -> Solution:
+    """Further rounds from an earlier solution, after the graph's odometry changed a little."""
+    rounds = _Rounds(graph, measurement_terms(graph), graph.motion_factors())
+    return rounds.solution(rounds.settle(solution.values, (1.0,), None))

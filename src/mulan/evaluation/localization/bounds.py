@@ -1,7 +1,11 @@
 """The smallest error poses can have (Cramér–Rao), from the truth and apart from the estimator's code."""
 
+from dataclasses import dataclass
+
 import numpy as np
-from jaxtyping import Float
+import scipy.sparse
+import scipy.sparse.linalg
+from jaxtyping import Float, Int
 from numpy.typing import NDArray
 
 from mulan.evaluation.localization.simulated_team import (
@@ -22,33 +26,51 @@ def _turned(arm: Float[NDArray, "m 3"]) -> Float[NDArray, "m 3 4"]:
     return np.concatenate([np.cross(_UP, arm)[..., None], identity], axis=2)
 
 
-def _measured(team: SimulatedTeam, noise: Noise) -> Float[NDArray, "rows robots samples 4"]:
-    """Whitened derivative of every right measurement by every pose."""
+@dataclass(frozen=True)
+class _Measured:
+    """Whitened derivatives of measurements by the poses of observer and peer at one sample.
+
+    Attributes:
+        observer, peer, sample: Indices.
+        by_observer, by_peer: Derivatives by (yaw, x, y, z) of those poses in world axes.
+    """
+
+    observer: Int[NDArray, "m"]
+    peer: Int[NDArray, "m"]
+    sample: Int[NDArray, "m"]
+    by_observer: Float[NDArray, "m d 4"]
+    by_peer: Float[NDArray, "m d 4"]
+
+
+def _bearings(team: SimulatedTeam, noise: Noise) -> _Measured:
+    o, q, i = team.bearing_at[team.bearing_right].T
+    v, arm_o, arm_q = _sight(team, o, q, i, WIFI_BODY_M)
+    distance = np.linalg.norm(v, axis=1)[:, None, None]
+    u = v[:, :, None] / distance
+    across = (np.eye(3) - u @ np.swapaxes(u, 1, 2)) / distance / np.deg2rad(noise.bearing_deg)
+    by_observer = -_turned(arm_o)
+    by_observer[..., 0] -= np.cross(_UP, v)  # the direction is seen from the observer's body, which turns
+    return _Measured(o, q, i, across @ by_observer, across @ _turned(arm_q))
+
+
+def _ranges(team: SimulatedTeam, noise: Noise) -> _Measured:
+    o, q, i = team.range_at[team.range_right].T
+    v, arm_o, arm_q = _sight(team, o, q, i, UWB_BODY_M)
+    along = (v / np.linalg.norm(v, axis=1)[:, None] / noise.range_m)[:, None]
+    return _Measured(o, q, i, -along @ _turned(arm_o), along @ _turned(arm_q))
+
+
+def _sight(
+    team: SimulatedTeam,
+    o: Int[NDArray, "m"],
+    q: Int[NDArray, "m"],
+    i: Int[NDArray, "m"],
+    antenna_body_m: Float[NDArray, "3"],
+) -> tuple[Float[NDArray, "m 3"], Float[NDArray, "m 3"], Float[NDArray, "m 3"]]:
+    """From the observer's antenna to the peer's, and both lever arms, in world axes."""
     T = team.T_truth_body
-    R, p = T[..., :3, :3], T[..., :3, 3]
-    rows = []
-    for at, right, lever in (
-        (team.bearing_at, team.bearing_right, WIFI_BODY_M),
-        (team.range_at, team.range_right, UWB_BODY_M),
-    ):
-        o, q, i = at[right].T
-        arm_o, arm_q = R[o, i] @ lever, R[q, i] @ lever
-        v = p[q, i] + arm_q - p[o, i] - arm_o
-        distance = np.linalg.norm(v, axis=1)[:, None, None]
-        u = v[:, :, None] / distance
-        by_observer, by_peer = -_turned(arm_o), _turned(arm_q)
-        if lever is WIFI_BODY_M:
-            # the direction is seen from the observer's body, which turns with it
-            by_observer[..., 0] -= np.cross(_UP, v)
-            across = (np.eye(3) - u @ np.swapaxes(u, 1, 2)) / distance / np.deg2rad(noise.bearing_deg)
-        else:
-            across = np.swapaxes(u, 1, 2) / noise.range_m
-        J = np.zeros((len(o), across.shape[1], *p.shape[:2], 4))
-        each = np.arange(len(o))
-        J[each, :, o, i] = across @ by_observer
-        J[each, :, q, i] = across @ by_peer
-        rows.append(J.reshape(-1, *p.shape[:2], 4))
-    return np.concatenate(rows)
+    arm_o, arm_q = T[o, i, :3, :3] @ antenna_body_m, T[q, i, :3, :3] @ antenna_body_m
+    return T[q, i, :3, 3] + arm_q - T[o, i, :3, 3] - arm_o, arm_o, arm_q
 
 
 def _from_start(p: Float[NDArray, "n 3"]) -> Float[NDArray, "n 4 4"]:
@@ -59,19 +81,26 @@ def _from_start(p: Float[NDArray, "n 3"]) -> Float[NDArray, "n 4 4"]:
     return moved
 
 
-def _odometry_information(p: Float[NDArray, "n 3"], noise: Noise) -> Float[NDArray, "n 4 n 4"]:
-    """Information of a robot's dead reckoning about its poses."""
+def _odometry_rows(p: Float[NDArray, "n 3"], noise: Noise) -> scipy.sparse.csr_matrix:
+    """Whitened derivative of a robot's dead reckoning by its poses (4 columns each)."""
     n, step = len(p), np.diff(p, axis=0)
     sigma = step_sigma(np.linalg.norm(step, axis=1), noise)
+    weight = 1 / np.concatenate([sigma[:, :1], np.repeat(sigma[:, 1:], 3, 1)], 1)[..., None]
+    after = np.broadcast_to(np.eye(4), (n - 1, 4, 4))
+    before = -after.copy()
+    before[:, 1:, 0] = -np.cross(_UP, step)  # a step is seen from the pose it starts at, which turns
     k = np.arange(n - 1)
-    J = np.zeros((n - 1, 4, n, 4))
-    J[k, :, k + 1] = np.eye(4)
-    J[k, :, k] = -np.eye(4)
-    # a step is seen from the pose it starts at, which turns
-    J[k, 1:, k, 0] = -np.cross(_UP, step)
-    rows = J / np.concatenate([sigma[:, :1], np.repeat(sigma[:, 1:], 3, 1)], 1)[..., None, None]
-    rows = rows.reshape(4 * (n - 1), 4 * n)
-    return (rows.T @ rows).reshape(n, 4, n, 4)
+    return _rows(4 * n, (k, weight * before), (k + 1, weight * after))
+
+
+def _rows(columns: int, *parts: tuple[Int[NDArray, "m"], Float[NDArray, "m d 4"]]) -> scipy.sparse.csr_matrix:
+    """Sparse rows, m times d of them, from blocks that belong to the block columns given."""
+    value = np.concatenate([blocks for _, blocks in parts], axis=2)
+    m, d, _ = value.shape
+    at = np.concatenate([4 * block[:, None] + np.arange(4) for block, _ in parts], axis=1)
+    column = np.broadcast_to(at[:, None], value.shape)
+    row = np.broadcast_to(np.arange(m * d).reshape(m, d)[..., None], value.shape)
+    return scipy.sparse.csr_matrix((value.ravel(), (row.ravel(), column.ravel())), shape=(m * d, columns))
 
 
 def camera_bound(team: SimulatedTeam, noise: Noise, drifting: bool) -> Float[NDArray, "others photos"]:
@@ -83,25 +112,45 @@ def camera_bound(team: SimulatedTeam, noise: Noise, drifting: bool) -> Float[NDA
     T = team.T_truth_body
     R, p = T[..., :3, :3], T[..., :3, 3]
     robots, samples = p.shape[:2]
-    J = _measured(team, noise)
+    measured = (_bearings(team, noise), _ranges(team, noise))
     if drifting:
-        J = J.reshape(len(J), -1)
-        information = (J.T @ J).reshape(robots, samples, 4, robots, samples, 4)
-        for k in range(robots):
-            information[k, :, :, k] += _odometry_information(p[k], noise)
-        size = robots * samples * 4
-        covariance = np.zeros((size, size))
-        covariance[4:, 4:] = np.linalg.inv(information.reshape(size, size)[4:, 4:])
-        by_pose = covariance.reshape(robots, samples, 4, robots, samples, 4)
-        own = by_pose[np.arange(robots)[:, None], team.photo_at, :, np.arange(robots)[:, None], team.photo_at]
+        J = [
+            _rows(
+                4 * robots * samples,
+                (m.observer * samples + m.sample, m.by_observer),
+                (m.peer * samples + m.sample, m.by_peer),
+            )
+            for m in measured
+        ]
+        J.append(scipy.sparse.block_diag([_odometry_rows(path, noise) for path in p]))
+        photo = np.arange(1, robots)[:, None] * samples + team.photo_at
+        own = _covariance(scipy.sparse.vstack(J), photo.ravel()).reshape(robots - 1, -1, 4, 4)
     else:
         moved = np.array([_from_start(path) for path in p])
-        J = np.einsum("mrsa,rsab->mrb", J, moved)[:, 1:].reshape(len(J), -1)
-        covariance = np.zeros((4 * robots, 4 * robots))
-        covariance[4:, 4:] = np.linalg.inv(J.T @ J)
-        start = covariance.reshape(robots, 4, robots, 4)[np.arange(robots), :, np.arange(robots)]
-        at = moved[:, team.photo_at]
+        J = [
+            _rows(
+                4 * robots,
+                (m.observer, m.by_observer @ moved[m.observer, m.sample]),
+                (m.peer, m.by_peer @ moved[m.peer, m.sample]),
+            )
+            for m in measured
+        ]
+        start = _covariance(scipy.sparse.vstack(J), np.arange(1, robots))
+        at = moved[1:, team.photo_at]
         own = at @ start[:, None] @ np.swapaxes(at, 2, 3)
-    arm = (R[:, team.photo_at] @ CAMERA_BODY_M).reshape(-1, 3)
-    to_camera = _turned(arm).reshape(robots, -1, 3, 4)
-    return np.einsum("rpia,rpab,rpib->rp", to_camera, own, to_camera)[1:]
+    arm = (R[1:, team.photo_at] @ CAMERA_BODY_M).reshape(-1, 3)
+    to_camera = _turned(arm).reshape(robots - 1, -1, 3, 4)
+    return np.einsum("rpia,rpab,rpib->rp", to_camera, own, to_camera)
+
+
+def _covariance(J: scipy.sparse.spmatrix, wanted: Int[NDArray, "w"]) -> Float[NDArray, "w 4 4"]:
+    """Blocks of the inverse information for some poses; the first pose is fixed."""
+    J = J.tocsc()[:, 4:]
+    factor = scipy.sparse.linalg.splu((J.T @ J).tocsc())
+    found = np.empty((len(wanted), 4, 4))
+    for block, pose in enumerate(wanted):
+        at = 4 * (int(pose) - 1) + np.arange(4)
+        unit = np.zeros((J.shape[1], 4))
+        unit[at, np.arange(4)] = 1.0
+        found[block] = factor.solve(unit)[at]
+    return found
