@@ -19,13 +19,20 @@ class GraphCovariances:
     Args:
         factors: Gaussian noise models.
         values: Where they are linearised.
+        other_modes: Probabilities and values of the modes whose mean ``values`` is, where there are several;
+            their spread widens every covariance.
 
     Raises:
         RuntimeError: A variable is not determined (by gtsam).
     """
 
-    def __init__(self, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> None:
-        self._factors, self._values = factors, values
+    def __init__(
+        self,
+        factors: gtsam.NonlinearFactorGraph,
+        values: gtsam.Values,
+        other_modes: Sequence[tuple[float, gtsam.Values]] = (),
+    ) -> None:
+        self._factors, self._values, self._modes = factors, values, other_modes
         self._marginals: gtsam.Marginals | None = None
         linear = factors.linearize(values)
         ordering = gtsam.Ordering.ColamdGaussianFactorGraph(linear)
@@ -89,14 +96,22 @@ class GraphCovariances:
     def covariance(self, key: int) -> Float[NDArray, "d d"]:
         """Marginal covariance of one variable."""
         rows, covariance = self._row[key]
-        return covariance[:, rows[key]]
+        return covariance[:, rows[key]] + self._spread([key])
 
     def joint(self, keys: Sequence[int]) -> Float[NDArray, "d d"]:
         """Joint covariance of variables in the order given; each only once."""
         blocks = [[self._block(a, b) for b in keys] for a in keys]
         if any(block is None for row in blocks for block in row):
-            return self._far_joint(keys)
-        return np.block(blocks)
+            return self._far_joint(keys) + self._spread(keys)
+        return np.block(blocks) + self._spread(keys)
+
+    def _spread(self, keys: Sequence[int]) -> Float[NDArray, "d d"] | float:
+        """Of the modes about their mean."""
+        total: Float[NDArray, "d d"] | float = 0.0
+        for weight, values in self._modes:
+            shift = np.concatenate([moved(self._values, values, key) for key in keys])
+            total = total + weight * np.outer(shift, shift)
+        return total
 
     def _block(self, a: int, b: int) -> Float[NDArray, "d e"] | None:
         """Covariance of two variables where the elimination tied them, else None."""
@@ -113,3 +128,11 @@ class GraphCovariances:
             self._marginals = gtsam.Marginals(self._factors, self._values)
         found = self._marginals.jointMarginalCovariance(gtsam.KeyVector(list(keys)))
         return np.block([[found.at(a, b) for b in keys] for a in keys])
+
+
+def moved(start: gtsam.Values, end: gtsam.Values, key: int) -> Float[NDArray, "d"]:
+    """Tangent vector at a variable of ``start`` that leads to its value in ``end``."""
+    try:
+        return start.atPose3(key).localCoordinates(end.atPose3(key))
+    except RuntimeError:  # not a pose
+        return end.atVector(key) - start.atVector(key)

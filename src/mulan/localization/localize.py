@@ -20,7 +20,7 @@ from mulan.wireless.types import Bearing, Range
 def _trajectories(
     robots: Sequence[RobotLog], graph: LocalizationGraph, solution: Solution
 ) -> Mapping[str, PosedTrajectory]:
-    marginals = GraphCovariances(solution.graph, solution.values)
+    marginals = GraphCovariances(solution.graph, solution.values, solution.other_modes)
     trajectories = {}
     for robot in robots:
         photo_s = robot.photo_time_s

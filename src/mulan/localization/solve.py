@@ -1,12 +1,13 @@
 """Solving the graph with outliers: Huber first, then every measurement weighted by its probability."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from mulan.localization.graph import (
     LocalizationGraph,
@@ -14,14 +15,22 @@ from mulan.localization.graph import (
     observed_in_body,
     range_node_factor,
 )
+from mulan.localization.graph_covariances import moved
 from mulan.localization.least_squares import Problem, minimise
 from mulan.localization.measurement_terms import MeasurementTerms, huber, measurement_terms, quadratic
 
 _INFLATION = (3.0, 1.5, 1.0, 1.0, 1.0, 1.0)  # wide at first: a poor start rejects nothing for good
+_TRIED = (1.5, 1.0, 1.0)  # sigmas while one measurement is disbelieved or forced
+_SHARP = (1.0, 1.0, 1.0, 1.0)  # sigmas as they are, from a start that is already good
+_HOPELESS = 12.0  # nats worse than the best: not another explanation
 _SETTLED = 0.02  # probabilities that change less need no further round
+_MOST_FLIPPED = 40  # with so many measurements a single one no longer makes a second explanation
+_FORCED = 25.0  # information of a measurement that is to be believed, as a try
+_LEAST_PROBABLE = 1e-3  # explanations less probable than this are left out
 _DOUBTED = 0.5  # a measurement less trusted gives reason to look for another solution
 _LEAST_TRUST = 0.02  # below it a measurement is left out
-_DETOUR_SPAN_M = 10.0  # wrong ranges are spread over so many metres
+_DETOUR_SPAN_M = 10.0  # wrong ranges are too long by up to so many metres
+_NONSENSE = 0.1  # share of wrong ranges that may be too short as well
 
 
 @dataclass(frozen=True)
@@ -34,6 +43,8 @@ class Solution:
         bearing_inlier, range_inlier: Probability that each measurement was right.
         hypothesis: Which direction of each bearing was used.
         cost: Final graph error.
+        other_modes: Poses of other explanations with their probabilities, where few measurements leave
+            several; ``values`` is the mean of all.
     """
 
     values: gtsam.Values
@@ -42,6 +53,7 @@ class Solution:
     range_inlier: Float[NDArray, "r"]
     hypothesis: Int[NDArray, "m"]
     cost: float
+    other_modes: tuple[tuple[float, gtsam.Values], ...] = ()
 
 
 def _log_likelihoods(
@@ -59,11 +71,13 @@ def _log_likelihoods(
     sigma = terms.sigma_m * inflation
     mass = terms.outlier_mass
     right_range = np.log1p(-mass[b:]) - np.log(np.sqrt(2 * np.pi) * sigma)
-    right_range -= (terms.range_misses(v[b:], poses) / sigma) ** 2 / 2
+    too_long = -terms.range_misses(v[b:], poses) / sigma
+    right_range -= too_long**2 / 2
     log_right = np.concatenate([np.logaddexp.reduce(inside, axis=1), right_range])
-    log_wrong = np.log(np.maximum(mass, 1e-300)) - np.log(
-        np.concatenate([sphere, np.full(len(sigma), _DETOUR_SPAN_M)])
-    )
+    # a detour makes a range longer; only nonsense makes it shorter
+    detour = (1 - _NONSENSE) * ndtr(too_long) + _NONSENSE / 2
+    wrong = np.concatenate([1 / sphere, detour / _DETOUR_SPAN_M])
+    log_wrong = np.log(np.maximum(mass, 1e-300)) + np.log(wrong)
     return log_right, log_wrong, inside.argmax(1)
 
 
@@ -104,6 +118,18 @@ class _State:
     cost: float
 
 
+def _alike(a: _State, b: _State) -> bool:
+    return abs(a.cost - b.cost) < 0.05 and bool(np.abs(a.trust - b.trust).max() < 0.1)
+
+
+def _triangles(
+    linear: gtsam.GaussianFactorGraph, ordering: gtsam.Ordering
+) -> Iterator[Float[NDArray, "d d"]]:
+    net = linear.eliminateSequential(ordering)
+    for i in range(net.size()):
+        yield net.at(i).R()
+
+
 @dataclass(frozen=True)
 class _Rounds:
     """Expectation-maximisation on one graph."""
@@ -116,9 +142,13 @@ class _Rounds:
         self,
         values: gtsam.Values,
         inflations: Sequence[float],
-        progress: Callable[[int, int, str], None] | None,
+        progress: Callable[[int, int, str], None] | None = None,
+        clamped: tuple[int, float] | None = None,
     ) -> _State:
-        """Alternate probabilities and poses, with sigmas inflated by each of these factors in turn."""
+        """Alternate probabilities and poses, with sigmas inflated by each of these factors in turn.
+
+        One measurement's weight may be clamped, whatever its probability.
+        """
         trust = np.full(len(self.terms.observer), np.nan)
         solved_with = np.nan
         for done, inflation in enumerate(inflations):
@@ -129,6 +159,8 @@ class _Rounds:
             if solved_with == inflation == inflations[-1] and not (np.abs(trust - before) > _SETTLED).any():
                 break  # the last solve already had these sigmas and, nearly, these probabilities
             believed = np.where(trust < _LEAST_TRUST, 0.0, trust)
+            if clamped is not None:
+                believed[clamped[0]] = clamped[1]
             values = minimise(
                 Problem(self.motion, self.terms, chosen, believed, inflation, quadratic), values
             )
@@ -136,6 +168,44 @@ class _Rounds:
         log_right, log_wrong, _ = _log_likelihoods(self.terms, values, 1.0)
         cost = self.motion.error(values) - float(np.logaddexp(log_right, log_wrong).sum())
         return _State(values, trust, chosen, cost)
+
+    def modes(self, found: _State) -> list[_State]:
+        """Explanations reached by believing one measurement less or one more, the found one among them.
+
+        Where few measurements meet outliers, which of them is wrong may stay open: then the posterior has
+        several modes, and the covariance of one alone would be overconfident.
+        """
+        states = [found]
+        for i, believed in enumerate(found.trust):
+            weight = 0.0 if believed >= _DOUBTED else _FORCED
+            tried = self.settle(found.values, _TRIED, clamped=(i, weight))
+            state = self.settle(tried.values, _SHARP)
+            if state.cost < found.cost + _HOPELESS and not any(_alike(state, other) for other in states):
+                states.append(state)
+        return states
+
+    def mean(self, found: _State, states: Sequence[_State]) -> Solution:
+        """The posterior mean over modes, each a Gaussian of its own evidence; the best gives the graph."""
+        if len(states) == 1:
+            return self.solution(found)
+        log_evidence = np.array([-state.cost - self._log_determinant(state) / 2 for state in states])
+        weight = np.exp(log_evidence - np.logaddexp.reduce(log_evidence))
+        best = states[int(weight.argmax())]
+        kept = [(float(w), s) for w, s in zip(weight, states, strict=True) if w > _LEAST_PROBABLE]
+        total = sum(w for w, _ in kept)
+        shift = gtsam.VectorValues()
+        for key in (*self.terms.pose_keys, *self.terms.bias_keys):
+            shift.insert(key, sum(w / total * moved(best.values, s.values, key) for w, s in kept))
+        solution = self.solution(best)
+        modes = tuple((w / total, s.values) for w, s in kept) if len(kept) > 1 else ()
+        return replace(solution, values=best.values.retract(shift), other_modes=modes)
+
+    def _log_determinant(self, state: _State) -> float:
+        trust = np.where(state.trust < _LEAST_TRUST, 0.0, state.trust)
+        problem = Problem(self.motion, self.terms, state.chosen, trust, 1.0, quadratic)
+        linear = problem.linear(state.values)[0]
+        ordering = gtsam.Ordering.ColamdGaussianFactorGraph(linear)
+        return 2 * float(np.sum([np.log(np.abs(np.diag(R))).sum() for R in _triangles(linear, ordering)]))
 
     def solution(self, state: _State) -> Solution:
         """The outcome, with the graph its covariances come from."""
@@ -172,7 +242,9 @@ def solve_graph(
         robust = Problem(motion, terms, none_chosen, everything, _INFLATION[0], huber)
         other = rounds.settle(minimise(robust, initial), _INFLATION, None)
         found = min(found, other, key=lambda state: state.cost)
-    return rounds.solution(found)
+    if len(terms.observer) > _MOST_FLIPPED:
+        return rounds.solution(found)
+    return rounds.mean(found, rounds.modes(found))
 
 
 def refine_solution(graph: LocalizationGraph, solution: Solution) -> Solution:
