@@ -39,10 +39,8 @@ class OnlineConfig:
     """A pose that moved by more (radians, metres) since it was linearised is linearised anew."""
     wildfire: float = 1e-4
     """Corrections smaller than this (radians, metres) are not carried on to older poses."""
-    trust_updates: int = 30
-    """A measurement's probability is looked at again for so many updates after it came."""
-    trust_checks: int = 60
-    """At most so many measurements are looked at again in one update."""
+    trust_updates: int = 16
+    """A measurement's probability is looked at again 1, 2, 4, … updates after it came, up to this."""
     trust_change: float = 0.1
     """A smaller change of a probability leaves its factor as it is."""
     alignment_window_s: float = 300.0
@@ -174,6 +172,8 @@ class OnlineLocalization:
         for m in entering:
             factors.add(m.factor())
         result = self._isam.update(factors, values, stale)
+        self.last = result
+        self.nst = len(stale)
         for m, slot in zip(entering, list(result.getNewFactorsIndices())[before:], strict=True):
             m.slot = int(slot)
         self._recent.extend(fresh)
@@ -294,7 +294,7 @@ class OnlineLocalization:
     def _hang_held(
         self, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values
     ) -> list[OnlineMeasurement]:
-        """Tie every held measurement between placed robots to its keyframes and judge it by the prediction."""
+        """Tie held measurements between placed robots to their keyframes and judge them by the prediction."""
         kept: list[Bearing | Range] = []
         fresh = []
         for m in self._held:
@@ -323,7 +323,7 @@ class OnlineLocalization:
                     noise = gtsam.noiseModel.Isotropic.Sigma(1, sigma_m)
                     values.insert(bias_key, np.zeros(1))
                     factors.add(gtsam.PriorFactorVector(bias_key, np.zeros(1), noise))
-            found = OnlineMeasurement(node, self.config.trust_updates)
+            found = OnlineMeasurement(node)
             found.trust, found.hypothesis = self._judge(found, at, values)
             fresh.append(found)
         self._held = kept
@@ -348,7 +348,7 @@ class OnlineLocalization:
             bias_m = float(self._isam.calculateEstimateVector(m.node.bias_key)[0]) if known else 0.0
             mass = self.config.graph.range_outlier_mass
             return range_trust(m.node, v, bias_m, spread, mass), 0
-        return bearing_trust(m.node, v, spread)
+        return bearing_trust(m.node.bearing, m.observed, v, spread)
 
     def _predicted(self, m: OnlineMeasurement, at: tuple[int, int]) -> Float[NDArray, "12 12"]:
         """Joint covariance of a new measurement's two poses, from the last update on by odometry."""
@@ -369,17 +369,18 @@ class OnlineLocalization:
         """Look at recent measurements again: those whose factor changes, and the slots to empty."""
         changed, stale = [], []
         nothing = gtsam.Values()
-        for _ in range(min(len(self._recent), self.config.trust_checks)):
-            m = self._recent.popleft()
+        for m in self._recent:
+            m.age += 1
+            if m.age & (m.age - 1):
+                continue  # the estimate settles: looked at after 1, 2, 4, 8, … updates
             trust, hypothesis = self._judge(m, None, nothing)
             if abs(trust - m.trust) > self.config.trust_change or hypothesis != m.hypothesis:
                 if m.slot is not None:
                     stale.append(m.slot)
                 m.trust, m.hypothesis, m.slot = trust, hypothesis, None
                 changed.append(m)
-            m.updates_left -= 1
-            if m.updates_left > 0:
-                self._recent.append(m)
+        while self._recent and self._recent[0].age >= self.config.trust_updates:
+            self._recent.popleft()
         return changed, stale
 
     def _newest(self) -> OnlineEstimate:

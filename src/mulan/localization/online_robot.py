@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mulan.errors import InputError
 from mulan.geometry import se3
 from mulan.localization.graph import LocalizationConfig
-from mulan.localization.keyframes import make_keyframes
+from mulan.localization.online_step import step_covariance, tilt_variance_rad2
 from mulan.mission.types import OdometryTrack, Photo, RobotLog
 
 
@@ -70,18 +70,14 @@ class OnlineRobot:
         if self.time_s and time_s <= self.time_s[-1]:
             problem = f"{time_s:.3f} s is not after the last one at {self.time_s[-1]:.3f} s"
             raise InputError(f"robot '{self.name}'", "keyframe", problem, "send keyframes in order of time")
-        times = np.array([*self.time_s[-1:], time_s])
-        poses = np.array([*self.T_odom_body[-1:], T_odom_body])
-        known = [*self.covariance[-1:], covariance]
-        given = None if any(c is None for c in known) else np.array(known)
-        pair = make_keyframes(
-            replace(self.log, odometry=OdometryTrack(times, poses, given)),
-            times,
-            config.odometry_noise,
-            config.gravity_aligned,
-        )
-        self.step_covariance.append(pair.step_covariance[0] if len(times) == 2 else np.zeros((6, 6)))
-        self.tilt_variance_rad2.append(float(pair.tilt_variance_rad2[-1]))
+        noise, aligned = config.odometry_noise, config.gravity_aligned
+        tilt = tilt_variance_rad2(T_odom_body, covariance, noise, aligned)
+        step = np.zeros((6, 6))
+        if self.time_s:
+            poses, known = np.array([self.T_odom_body[-1], T_odom_body]), (self.covariance[-1], covariance)
+            step = step_covariance(poses, known, tilt, noise, aligned)
+        self.step_covariance.append(step)
+        self.tilt_variance_rad2.append(tilt)
         self.time_s.append(float(time_s))
         self.T_odom_body.append(T_odom_body)
         self.covariance.append(covariance)
@@ -108,7 +104,10 @@ class OnlineRobot:
 
     def pose_odom(self, time_s: float) -> Float[NDArray, "4 4"]:
         """Odometry at an instant, between the keyframes around it."""
-        low = max(bisect_left(self.time_s, time_s) - 1, 0)
+        at = bisect_left(self.time_s, time_s)
+        if at < len(self.time_s) and self.time_s[at] == time_s:
+            return self.T_odom_body[at]
+        low = max(at - 1, 0)
         times, poses = self.time_s[low : low + 2], self.T_odom_body[low : low + 2]
         return se3.interpolate(np.array(times), np.array(poses), np.array([time_s]))[0]
 

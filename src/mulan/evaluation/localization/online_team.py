@@ -73,7 +73,8 @@ def make_online_team(rng: np.random.Generator, config: OnlineTeamConfig) -> tupl
 def _wander(rng: np.random.Generator, time_s: Float[NDArray, "n"], hall_m: float) -> Float[NDArray, "n 4 4"]:
     """A smooth walk through the hall, about 0.3 m/s, the body facing ahead."""
     phase, slow = rng.uniform(0, 2 * np.pi, 6), rng.uniform(0.7, 1.3, 6)
-    wave = [np.sin(w * s * time_s + p) for w, s, p in zip((0.031, 0.083, 0.037, 0.071, 0.05, 0.11), slow, phase, strict=True)]  # fmt: skip
+    frequency = np.array([0.031, 0.083, 0.037, 0.071, 0.05, 0.11]) * slow
+    wave = np.sin(frequency[:, None] * time_s + phase[:, None])
     x = hall_m / 2 * (0.7 * wave[0] + 0.3 * wave[1])
     y = hall_m / 2 * (0.7 * wave[2] + 0.3 * wave[3])
     z = 0.6 * (0.7 * wave[4] + 0.3 * wave[5])
