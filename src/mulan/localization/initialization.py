@@ -129,23 +129,19 @@ def initial_alignment(
     anchor = robots[0]
     placed: dict[str, tuple[RobotLog, Float[NDArray, "4 4"]]] = {anchor.name: (anchor, np.eye(4))}
     waiting = list(robots[1:])
+    by_robot = {robot.name: _taking_part(robot.name, bearings, ranges) for robot in robots}
     while waiting:
         refused: InputError | None = None
-        ready = []
+        waiting.sort(key=lambda robot: (-_tied(robot.name, placed, *by_robot[robot.name]), robot.name))
         for robot in waiting:
             m = gather(
                 robot,
                 placed,
-                bearings,
-                ranges,
+                *by_robot[robot.name],
                 np.deg2rad(config.smallest_sigma_deg),
                 config.smallest_sigma_m,
                 config.most_ranges,
             )
-            ready.append(
-                (-m.count - 10 * (len(m.seen.origin_m) + len(m.sees.origin_m)), robot.name, robot, m)
-            )
-        for _, _, robot, m in sorted(ready, key=lambda entry: entry[:2]):
             try:
                 T = _place(robot, anchor, m, config, freedoms, common_floor_sigma_m)
             except InputError as error:
@@ -158,6 +154,24 @@ def initial_alignment(
             assert refused is not None
             raise refused
     return {name: T for name, (_, T) in placed.items()}
+
+
+def _taking_part(
+    name: str, bearings: Sequence[Bearing], ranges: Sequence[Range]
+) -> tuple[list[Bearing], list[Range]]:
+    """Measurements a robot made or was the target of."""
+    return [b for b in bearings if name in (b.observer, b.peer)], [
+        r for r in ranges if name in (r.observer, r.peer)
+    ]
+
+
+def _tied(name: str, placed: Mapping[str, object], bearings: list[Bearing], ranges: list[Range]) -> int:
+    """How well a robot is connected to the placed ones: a bearing counts as ten ranges."""
+
+    def among(pair: Bearing | Range) -> bool:
+        return (pair.peer if pair.observer == name else pair.observer) in placed
+
+    return 10 * sum(map(among, bearings)) + sum(map(among, ranges))
 
 
 def _place(
