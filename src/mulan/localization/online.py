@@ -1,4 +1,4 @@
-"""Localization while robots move: every keyframe and every radio measurement updates the poses (iSAM2)."""
+"""Localization while robots move: every keyframe and every radio measurement updates the poses."""
 
 from bisect import bisect_left
 from collections import deque
@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from mulan.errors import InputError
 from mulan.geometry import se3
-from mulan.localization.factors import line_of_sight
-from mulan.localization.graph import LocalizationConfig, RangeNode
+from mulan.localization.graph import LocalizationConfig
 from mulan.localization.initialization import align_robot
 from mulan.localization.online_estimate import OnlineEstimate
 from mulan.localization.online_hanging import hang_bearing, hang_range, keyframes_of
 from mulan.localization.online_robot import OnlineRobot
-from mulan.localization.online_trust import OnlineMeasurement, bearing_trust, range_trust
+from mulan.localization.online_trust import OnlineMeasurement
+from mulan.localization.sliding_window import SlidingWindow
 from mulan.mission.types import RobotLog
 from mulan.wireless.types import Bearing, Range
 
@@ -26,7 +26,6 @@ _BIAS_KEYS = 10**15
 _ANCHOR_SIGMA = 1e-6
 _CLOCK_SAMPLES = 25
 _FRESHLY_ALIGNED_M = 0.5  # spread of predictions about a robot the search has just placed
-_ROUNDS_AFTER_JOINING = 3
 
 
 @dataclass(frozen=True)
@@ -35,14 +34,8 @@ class OnlineConfig:
 
     graph: LocalizationConfig = field(default_factory=LocalizationConfig)
     """Factors, shared with the batch solution."""
-    relinearize: float = 0.02
-    """A pose that moved by more (radians, metres) since it was linearised is linearised anew."""
-    wildfire: float = 1e-4
-    """Corrections smaller than this (radians, metres) are not carried on to older poses."""
-    trust_updates: int = 16
-    """A measurement's probability is looked at again 1, 2, 4, … updates after it came, up to this."""
-    trust_change: float = 0.1
-    """A smaller change of a probability leaves its factor as it is."""
+    horizon_s: float = 40.0
+    """Keyframes and measurements of so many last seconds are solved anew at every update."""
     alignment_window_s: float = 300.0
     """A robot is placed by its measurements of so many last seconds."""
     lost_m: float = 1.0
@@ -68,6 +61,7 @@ class OnlineLocalization:
         robots: By name, the anchor first.
         bearings, ranges: All that came.
         dropped: Measurements that fell into gaps between keyframes.
+        late: Measurements that came when their keyframes had left the window; the batch solution has them.
     """
 
     def __init__(self, config: OnlineConfig | None = None) -> None:
@@ -76,8 +70,8 @@ class OnlineLocalization:
         self.bearings: list[Bearing] = []
         self.ranges: list[Range] = []
         self.dropped = 0
+        self.late = 0
         self._held: list[Bearing | Range] = []
-        self._recent: deque[OnlineMeasurement] = deque()
         self._bias_keys: dict[tuple[str, ...], int] = {}
         self._clock_offset_s: dict[tuple[str, str], deque[float]] = {}
         self._tried: dict[str, int] = {}
@@ -85,12 +79,8 @@ class OnlineLocalization:
         self._aligned: dict[str, Float[NDArray, "4 4"]] = {}
         self._quiet: dict[str, int] = {}
         self._estimate = OnlineEstimate((), {}, {}, {}, np.zeros((0, 0)), (), {})
-        parameters = gtsam.ISAM2Params()
-        parameters.setOptimizationParams(gtsam.ISAM2GaussNewtonParams(self.config.wildfire))
-        parameters.setRelinearizeThreshold(self.config.relinearize)
-        parameters.relinearizeSkip = 1
-        parameters.findUnusedFactorSlots = True
-        self._isam = gtsam.ISAM2(parameters)
+        self._updates = 0
+        self._window = SlidingWindow(self.config.graph.range_outlier_mass)
 
     def add_robot(self, log: RobotLog) -> None:
         """Announce a robot: its name, lever arms and calibration; what its log recorded is not read.
@@ -128,7 +118,7 @@ class OnlineLocalization:
             InputError: The robot is unknown, or the keyframe is not finite or not after its last one.
         """
         chain = self._robot(robot)
-        chain.add(time_s, T_odom_body, covariance, self.config.graph)
+        chain.add(time_s, T_odom_body, covariance, self.config.graph, self._updates)
         self._quiet[robot] = 0
         sigma = np.sqrt(np.diag(chain.step_covariance[-1]))
         if chain.placed and (sigma[3:].max() > self.config.lost_m or sigma[:3].max() > self.config.lost_rad):
@@ -161,25 +151,21 @@ class OnlineLocalization:
     def update(self) -> OnlineEstimate:
         """Take in all that came since the last update; newest poses and covariances of every placed robot."""
         joined = self._place_one()
-        factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        self._updates += 1
         for robot in self.robots.values():
             if robot.placed:
-                self._extend(robot, factors, values)
-        fresh = self._hang_held(factors, values)
-        changed, stale = self._reweigh()
-        entering = [m for m in (*fresh, *changed) if not m.kept_out]
-        before = factors.size()
-        for m in entering:
-            factors.add(m.factor())
-        result = self._isam.update(factors, values, stale)
-        self.last = result
-        self.nst = len(stale)
-        for m, slot in zip(entering, list(result.getNewFactorsIndices())[before:], strict=True):
-            m.slot = int(slot)
-        self._recent.extend(fresh)
-        for _ in range(_ROUNDS_AFTER_JOINING if joined else 0):
-            self._isam.update()
-        self._estimate = self._newest()
+                self._extend(robot)
+        self._hang_held()
+        known = [robot for robot in self.robots.values() if robot.in_graph]
+        heard = [robot for robot in known if self._quiet[robot.name] <= self.config.silent_updates]
+        for name in self._quiet:
+            self._quiet[name] += 1
+        if not heard:
+            return self._estimate
+        keys = tuple(robot.key(robot.in_graph - 1) for robot in heard)
+        joint = self._window.settle(keys, joined)
+        self._estimate = self._newest(known, heard, keys, joint)
+        self._forget_old(known)
         return self._estimate
 
     @property
@@ -188,13 +174,25 @@ class OnlineLocalization:
         return self._estimate
 
     def trajectories(self) -> dict[str, Float[NDArray, "n 4 4"]]:
-        """Smoothed poses of every keyframe the solver has, in the anchor's start frame."""
-        values = self._isam.calculateBestEstimate()
-        return {
-            name: np.array([values.atPose3(robot.key(i)).matrix() for i in range(robot.in_graph)])
-            for name, robot in self.robots.items()
-            if robot.in_graph
-        }
+        """Poses of every keyframe of the placed robots in the anchor's start frame.
+
+        Those in the window are as the last update left them, older ones as they were when they left it; those
+        from before the robot joined follow its odometry back from there.
+        """
+        found = {}
+        for name, robot in self.robots.items():
+            if not robot.in_graph:
+                continue
+            recent = [
+                self._window.values.atPose3(robot.key(i)).matrix()
+                for i in range(robot.oldest, robot.in_graph)
+            ]
+            solved = np.array([*robot.T_world_body, *recent])
+            first = robot.first_solved
+            back = solved[0] @ se3.inverse(robot.T_odom_body[first])
+            earlier = [back @ T for T in robot.T_odom_body[:first]]
+            found[name] = np.array([*earlier, *solved])
+        return found
 
     def peer_time_s(self, measurement: Bearing | Range) -> float:
         """A measurement's instant on the peer's clock."""
@@ -269,91 +267,84 @@ class OnlineLocalization:
     def _T_world_odom(self, robot: OnlineRobot) -> Float[NDArray, "4 4"]:
         """Start frame by the newest pose the solver has."""
         last = robot.in_graph - 1
-        T = self._isam.calculateEstimatePose3(robot.key(last)).matrix()
+        T = self._window.values.atPose3(robot.key(last)).matrix()
         return T @ se3.inverse(robot.T_odom_body[last])
 
-    def _extend(self, robot: OnlineRobot, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> None:
+    def _extend(self, robot: OnlineRobot) -> None:
         """New keyframes of a placed robot, started where its odometry leads."""
         begin, end = robot.in_graph, len(robot.time_s)
         if begin == end:
             return
         anchor = next(iter(self.robots.values()))
         T_world_odom = self._aligned.pop(robot.name, None)
-        if T_world_odom is None:
-            T_world_odom = self._T_world_odom(robot) if begin else np.eye(4)
-        if begin == 0 and robot is anchor:
-            tight = gtsam.noiseModel.Isotropic.Sigma(6, _ANCHOR_SIGMA)
-            factors.add(gtsam.PriorFactorPose3(robot.key(0), gtsam.Pose3(robot.T_odom_body[0]), tight))
+        if begin == 0:
+            if T_world_odom is None:
+                T_world_odom = np.eye(4)
+            # of a long wait only the end is solved here; the batch solution takes all of it
+            begin = bisect_left(robot.time_s, robot.time_s[-1] - self.config.horizon_s)
+            robot.first_solved = robot.oldest = begin
+        elif T_world_odom is None:
+            T_world_odom = self._T_world_odom(robot)
         floor_m = float(anchor.T_odom_body[0][2, 3]) if anchor.time_s else 0.0
         for i in range(begin, end):
-            values.insert(robot.key(i), gtsam.Pose3(T_world_odom @ robot.T_odom_body[i]))
-            for factor in robot.motion_factors(i, self.config.graph, floor_m):
-                factors.add(factor)
+            factors = robot.motion_factors(i, self.config.graph, floor_m)
+            if robot is anchor and i == 0:
+                tight = gtsam.noiseModel.Isotropic.Sigma(6, _ANCHOR_SIGMA)
+                factors.append(gtsam.PriorFactorPose3(robot.key(0), gtsam.Pose3(robot.T_odom_body[0]), tight))
+            pose = gtsam.Pose3(T_world_odom @ robot.T_odom_body[i])
+            self._window.add_keyframe(robot.key(i), robot.received[i], pose, factors)
         robot.in_graph = end
 
-    def _hang_held(
-        self, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values
-    ) -> list[OnlineMeasurement]:
-        """Tie held measurements between placed robots to their keyframes and judge them by the prediction."""
+    def _hang_held(self) -> None:
+        """Tie held measurements between placed robots to their keyframes."""
         kept: list[Bearing | Range] = []
-        fresh = []
         for m in self._held:
             observer, peer = self.robots[m.observer], self.robots[m.peer]
             if not (observer.placed and peer.placed):
                 kept.append(m)
                 continue
             peer_s = self.peer_time_s(m)
+            merge_s = self.config.graph.keyframe_merge_s
             try:
-                at = keyframes_of(
-                    m, peer_s, self.robots, self.config.graph.keyframe_merge_s, self.config.longest_gap_s
-                )
+                at = keyframes_of(m, peer_s, self.robots, merge_s, self.config.longest_gap_s)
             except LookupError:
                 self.dropped += 1
                 continue
             if at is None:
                 kept.append(m)
                 continue
+            if at[0] < observer.oldest or at[1] < peer.oldest:
+                self.late += 1
+                continue
             if isinstance(m, Bearing):
                 node = hang_bearing(m, observer, peer, at)
             else:
                 bias_key = self._bias_keys[tuple(sorted((m.observer, m.peer)))]
                 node = hang_range(m, peer_s, observer, peer, at, bias_key)
-                if not self._isam.valueExists(bias_key) and not values.exists(bias_key):
+                if not self._window.values.exists(bias_key):
                     sigma_m = max(self.config.graph.range_bias_sigma_m, 1e-6)
                     noise = gtsam.noiseModel.Isotropic.Sigma(1, sigma_m)
-                    values.insert(bias_key, np.zeros(1))
-                    factors.add(gtsam.PriorFactorVector(bias_key, np.zeros(1), noise))
-            found = OnlineMeasurement(node)
-            found.trust, found.hypothesis = self._judge(found, at, values)
-            fresh.append(found)
+                    self._window.add_bias(bias_key, gtsam.PriorFactorVector(bias_key, np.zeros(1), noise))
+            self._window.add(OnlineMeasurement(node, self._predicted(m, at)))
         self._held = kept
-        return fresh
 
-    def _judge(
-        self, m: OnlineMeasurement, at: tuple[int, int] | None, values: gtsam.Values
-    ) -> tuple[float, int]:
-        """Probability and hypothesis; with ``at`` the measurement is not in the estimate yet."""
-        sight = m.node.sight
-        poses = []
-        for key in (sight.observer_key, sight.peer_key):
-            new = values.exists(key)
-            poses.append(values.atPose3(key) if new else self._isam.calculateEstimatePose3(key))
-        v, J_observer, J_peer = line_of_sight(poses[0].matrix(), poses[1].matrix(), sight)
-        spread = np.zeros((3, 3))
-        if at is not None:
-            J = np.concatenate([J_observer, J_peer], axis=1)
-            spread = J @ self._predicted(m, at) @ J.T
-        if isinstance(m.node, RangeNode):
-            known = self._isam.valueExists(m.node.bias_key)
-            bias_m = float(self._isam.calculateEstimateVector(m.node.bias_key)[0]) if known else 0.0
-            mass = self.config.graph.range_outlier_mass
-            return range_trust(m.node, v, bias_m, spread, mass), 0
-        return bearing_trust(m.node.bearing, m.observed, v, spread)
+    def _forget_old(self, known: list[OnlineRobot]) -> None:
+        """Keyframes beyond the horizon leave the window; of a silent robot all but the newest."""
+        gone = []
+        for robot in known:
+            newest = robot.in_graph - 1
+            end = bisect_left(robot.time_s, robot.time_s[newest] - self.config.horizon_s)
+            if self._quiet[robot.name] > self.config.silent_updates:
+                end = newest
+            for i in range(robot.oldest, min(end, newest)):
+                gone.append(robot.key(i))
+                robot.T_world_body.append(self._window.values.atPose3(robot.key(i)).matrix())
+            robot.oldest = max(robot.oldest, min(end, newest))
+        self._window.forget(gone)
 
-    def _predicted(self, m: OnlineMeasurement, at: tuple[int, int]) -> Float[NDArray, "12 12"]:
+    def _predicted(self, m: Bearing | Range, at: tuple[int, int]) -> Float[NDArray, "12 12"]:
         """Joint covariance of a new measurement's two poses, from the last update on by odometry."""
-        measured = m.node.measurement if isinstance(m.node, RangeNode) else m.node.bearing
-        pair = measured.observer, measured.peer
+        pair = m.observer, m.peer
         if not set(pair) <= set(self._estimate.names):
             spread = np.array([0.1, 0.1, 0.1] + [_FRESHLY_ALIGNED_M] * 3) ** 2
             return np.diag(np.concatenate([spread, spread]))
@@ -365,45 +356,23 @@ class OnlineLocalization:
             carry[block, block], added[block, block] = robot.drift(last, index)
         return carry @ covariance @ carry.T + added
 
-    def _reweigh(self) -> tuple[list[OnlineMeasurement], list[int]]:
-        """Look at recent measurements again: those whose factor changes, and the slots to empty."""
-        changed, stale = [], []
-        nothing = gtsam.Values()
-        for m in self._recent:
-            m.age += 1
-            if m.age & (m.age - 1):
-                continue  # the estimate settles: looked at after 1, 2, 4, 8, … updates
-            trust, hypothesis = self._judge(m, None, nothing)
-            if abs(trust - m.trust) > self.config.trust_change or hypothesis != m.hypothesis:
-                if m.slot is not None:
-                    stale.append(m.slot)
-                m.trust, m.hypothesis, m.slot = trust, hypothesis, None
-                changed.append(m)
-        while self._recent and self._recent[0].age >= self.config.trust_updates:
-            self._recent.popleft()
-        return changed, stale
-
-    def _newest(self) -> OnlineEstimate:
-        known = [robot for robot in self.robots.values() if robot.in_graph]
-        heard = [robot for robot in known if self._quiet[robot.name] <= self.config.silent_updates]
-        for robot in self.robots.values():
-            self._quiet[robot.name] += 1
-        keys = tuple(robot.key(robot.in_graph - 1) for robot in heard)
-        joint = np.zeros((0, 0))
-        if keys:
-            marginal = self._isam.jointMarginalCovariance(list(keys))
-            joint = np.block([[marginal.at(a, b) for b in keys] for a in keys])
+    def _newest(
+        self,
+        known: list[OnlineRobot],
+        heard: list[OnlineRobot],
+        keys: tuple[int, ...],
+        joint: Float[NDArray, "n n"],
+    ) -> OnlineEstimate:
         covariance = dict(self._estimate.covariance)
         for i, robot in enumerate(heard):
             covariance[robot.name] = joint[6 * i : 6 * i + 6, 6 * i : 6 * i + 6]
-        poses = {r.name: self._isam.calculateEstimatePose3(r.key(r.in_graph - 1)).matrix() for r in known}
-        waiting = {r.name: self._why[r.name] for r in self.robots.values() if not r.placed}
+        newest = {robot.name: robot.in_graph - 1 for robot in known}
         return OnlineEstimate(
             tuple(robot.name for robot in heard),
-            {robot.name: robot.time_s[robot.in_graph - 1] for robot in known},
-            poses,
+            {robot.name: robot.time_s[newest[robot.name]] for robot in known},
+            {r.name: self._window.values.atPose3(r.key(newest[r.name])).matrix() for r in known},
             covariance,
             joint,
             keys,
-            waiting,
+            {name: self._why[name] for name, robot in self.robots.items() if not robot.placed},
         )

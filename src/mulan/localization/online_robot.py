@@ -25,7 +25,11 @@ class OnlineRobot:
         time_s, T_odom_body, covariance: One entry a keyframe; covariance as in OdometryTrack.
         step_covariance: Of the motion into each keyframe from the one before (zeros for the first).
         tilt_variance_rad2: One entry a keyframe.
-        in_graph: How many keyframes the solver has.
+        received: After how many updates each keyframe came.
+        T_world_body: Poses of the keyframes the solver has or had, from ``first_solved`` on.
+        first_solved: First keyframe the solver was given.
+        in_graph: How many keyframes, from the first of all on, came before the next the solver will get.
+        oldest: First keyframe still in the solver's window.
         waiting_from: First keyframe of the stretch whose place is unknown; None while placed.
     """
 
@@ -36,7 +40,11 @@ class OnlineRobot:
     covariance: list[Float[NDArray, "6 6"] | None] = field(default_factory=list)
     step_covariance: list[Float[NDArray, "6 6"]] = field(default_factory=list)
     tilt_variance_rad2: list[float] = field(default_factory=list)
+    received: list[int] = field(default_factory=list)
+    T_world_body: list[Float[NDArray, "4 4"]] = field(default_factory=list)
+    first_solved: int = 0
     in_graph: int = 0
+    oldest: int = 0
     waiting_from: int | None = 0
 
     @property
@@ -59,8 +67,9 @@ class OnlineRobot:
         T_odom_body: Float[NDArray, "4 4"],
         covariance: Float[NDArray, "6 6"] | None,
         config: LocalizationConfig,
+        received: int,
     ) -> None:
-        """Append a keyframe.
+        """Append a keyframe, received after so many updates.
 
         Raises:
             InputError: It is not later than the last one, or not finite.
@@ -78,6 +87,7 @@ class OnlineRobot:
             step = step_covariance(poses, known, tilt, noise, aligned)
         self.step_covariance.append(step)
         self.tilt_variance_rad2.append(tilt)
+        self.received.append(received)
         self.time_s.append(float(time_s))
         self.T_odom_body.append(T_odom_body)
         self.covariance.append(covariance)
@@ -138,7 +148,7 @@ class OnlineRobot:
         """Odometry into a keyframe, its gravity and its floor, as the batch graph has them."""
         factors: list[gtsam.NonlinearFactor] = []
         key = self.key(index)
-        if index:
+        if index > self.first_solved:
             noise = gtsam.noiseModel.Gaussian.Covariance(self.step_covariance[index])
             factors.append(gtsam.BetweenFactorPose3(key - 1, key, gtsam.Pose3(self.step(index)), noise))
         if config.gravity_aligned:
