@@ -42,6 +42,8 @@ class OnlineTeamConfig:
     """Drift of the position, each axis."""
     hall_m: float = 12.0
     """Side of the hall the team wanders in."""
+    rest_s: float = 0.0
+    """Each robot drives for so long, then stands as long; none means it never stands."""
 
 
 def make_online_team(rng: np.random.Generator, config: OnlineTeamConfig) -> tuple[RobotLog, ...]:
@@ -51,7 +53,7 @@ def make_online_team(rng: np.random.Generator, config: OnlineTeamConfig) -> tupl
     camera = PinholeCamera(40, 30, 30.0, 30.0, 20.0, 15.0)
     robots = []
     for i in range(config.robots):
-        T = _wander(rng, time_s, config.hall_m)
+        T = _wander(rng, time_s, config)
         T_odom, covariance = _dead_reckoning(rng, T, config)
         robots.append(
             RobotLog(
@@ -70,15 +72,22 @@ def make_online_team(rng: np.random.Generator, config: OnlineTeamConfig) -> tupl
     return tuple(robots)
 
 
-def _wander(rng: np.random.Generator, time_s: Float[NDArray, "n"], hall_m: float) -> Float[NDArray, "n 4 4"]:
+def _wander(
+    rng: np.random.Generator, time_s: Float[NDArray, "n"], config: OnlineTeamConfig
+) -> Float[NDArray, "n 4 4"]:
     """A smooth walk through the hall, about 0.3 m/s, the body facing ahead."""
     phase, slow = rng.uniform(0, 2 * np.pi, 6), rng.uniform(0.7, 1.3, 6)
+    along_s = time_s
+    if config.rest_s > 0:
+        driving = np.floor(time_s / config.rest_s + rng.uniform(0, 2)) % 2 == 0
+        along_s = np.concatenate([[0.0], np.cumsum(np.diff(time_s) * driving[1:])])
     frequency = np.array([0.031, 0.083, 0.037, 0.071, 0.05, 0.11]) * slow
-    wave = np.sin(frequency[:, None] * time_s + phase[:, None])
-    x = hall_m / 2 * (0.7 * wave[0] + 0.3 * wave[1])
-    y = hall_m / 2 * (0.7 * wave[2] + 0.3 * wave[3])
+    angle = frequency[:, None] * along_s + phase[:, None]
+    wave, speed = np.sin(angle), frequency[:, None] * np.cos(angle)
+    side = config.hall_m / 2
+    x, y = side * (0.7 * wave[0] + 0.3 * wave[1]), side * (0.7 * wave[2] + 0.3 * wave[3])
     z = 0.6 * (0.7 * wave[4] + 0.3 * wave[5])
-    yaw = np.unwrap(np.arctan2(np.gradient(y), np.gradient(x)))
+    yaw = np.unwrap(np.arctan2(0.7 * speed[2] + 0.3 * speed[3], 0.7 * speed[0] + 0.3 * speed[1]))
     return se3.from_parts(so3.about_z(yaw), np.stack([x, y, z], -1))
 
 
