@@ -90,7 +90,7 @@ class OnlineLocalization:
         """
         if log.name in self.robots:
             raise InputError(
-                f"robot '{log.name}'", "name", "is there already", "give each robot its own name"
+                f"robot '{log.name}'", "name", "is already there", "give each robot its own name"
             )
         waiting_from = 0 if self.robots else None
         self.robots[log.name] = OnlineRobot(
@@ -167,6 +167,11 @@ class OnlineLocalization:
         self._estimate = self._newest(known, heard, keys, joint)
         self._forget_old(known)
         return self._estimate
+
+    @property
+    def window_keyframes(self) -> int:
+        """Keyframes solved anew at every update."""
+        return len(self._window)
 
     @property
     def estimate(self) -> OnlineEstimate:

@@ -1,4 +1,4 @@
-"""The online solver at the pace of a mission: time and memory of its updates, errors, and the batch beside."""
+"""The online solver at the pace of a mission: time and memory of its updates, errors, the batch beside."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
