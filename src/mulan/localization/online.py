@@ -205,7 +205,8 @@ class OnlineLocalization:
             return measurement.peer_time_s
         pair = measurement.observer, measurement.peer
         offsets = list(self._clock_offset_s.get(pair, ()))
-        offsets += [-offset for offset in self._clock_offset_s.get(pair[::-1], ())]
+        back = measurement.peer, measurement.observer
+        offsets += [-offset for offset in self._clock_offset_s.get(back, ())]
         return measurement.time_s + (float(np.median(offsets)) if offsets else 0.0)
 
     def _robot(self, name: str) -> OnlineRobot:
