@@ -199,3 +199,23 @@ def _place(
     found = search_alignment(m, *_starts(m, config, freedoms), freedoms)
     _refuse_unknown(robot.name, found, config, freedoms)
     return se3.from_parts(found.R[0], found.t_m[0])
+
+
+def align_robot(
+    robot: RobotLog,
+    anchor: RobotLog,
+    placed: Mapping[str, tuple[RobotLog, Float[NDArray, "4 4"]]],
+    bearings: Sequence[Bearing],
+    ranges: Sequence[Range],
+    config: InitializationConfig,
+    gravity_aligned: bool = True,
+    common_floor_sigma_m: float | None = None,
+) -> Float[NDArray, "4 4"]:
+    """``T_world_odom`` of one robot that joins a team already placed (name: log, T_world_odom).
+
+    Raises:
+        InputError: The robot has too little information; says which freedom.
+    """
+    sigma_rad = np.deg2rad(config.smallest_sigma_deg)
+    m = gather(robot, placed, bearings, ranges, sigma_rad, config.smallest_sigma_m, config.most_ranges)
+    return _place(robot, anchor, m, config, 4 if gravity_aligned else 6, common_floor_sigma_m)

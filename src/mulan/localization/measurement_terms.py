@@ -79,7 +79,7 @@ class MeasurementTerms:
 
     def poses(self, values: gtsam.Values) -> Poses:
         """The graph's values as arrays."""
-        T = np.array([values.atPose3(key).matrix() for key in self.pose_keys])
+        T = np.array([values.atPose3(key).matrix() for key in self.pose_keys]).reshape(-1, 4, 4)
         bias_m = np.array([values.atVector(key)[0] for key in self.bias_keys], dtype=float)
         return Poses(T[:, :3, :3], T[:, :3, 3], bias_m)
 
