@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mulan.errors import InputError
 from mulan.geometry import se3
+from mulan.localization.odometry_correction import NOT_CORRECTED, OdometryCorrection, noise_stretch
 from mulan.mission.types import RobotLog
 from mulan.wireless.odometry_drift import covariance_at, relative_covariance
 from mulan.wireless.types import Bearing, Range
@@ -28,26 +29,6 @@ class OdometryNoise:
     """Added to every step, so that a standstill is not infinitely certain."""
     translation_floor_m: float = 2e-4
     """Added to every step."""
-
-
-@dataclass(frozen=True)
-class OdometryCorrection:
-    """What the graph learned about one robot's odometry.
-
-    Attributes:
-        scale: Distances travelled are the odometry's times this.
-        scale_sigma: Its standard deviation; zero where it was not learned.
-        heading_noise, translation_noise: Factors on the sigmas that were given or assumed.
-    """
-
-    scale: float = 1.0
-    scale_sigma: float = 0.0
-    heading_noise: float = 1.0
-    translation_noise: float = 1.0
-
-
-NOT_CORRECTED = OdometryCorrection()
-"""The odometry as it came."""
 
 
 @dataclass(frozen=True)
@@ -225,21 +206,6 @@ def corrected_keyframes(
         step_covariance=stretch @ keyframes.step_covariance @ stretch,
         correction=correction,
     )
-
-
-def noise_stretch(
-    T_odom_body: Float[NDArray, "m 4 4"], correction: OdometryCorrection, gravity_aligned: bool
-) -> Float[NDArray, "m 6 6"]:
-    """Symmetric matrices D with D Σ D the corrected covariance of the steps that end at these poses.
-
-    The heading factor acts on turns about the vertical (all turns where nothing knows the vertical).
-    """
-    D = np.zeros((len(T_odom_body), 6, 6))
-    D[:, [3, 4, 5], [3, 4, 5]] = correction.translation_noise
-    up = T_odom_body[:, 2, :3] if gravity_aligned else None
-    about = np.eye(3) if up is None else up[:, :, None] * up[:, None, :]
-    D[:, :3, :3] = np.eye(3) + (correction.heading_noise - 1) * about
-    return D
 
 
 def clock_offset_s(observer: str, peer: str, bearings: Sequence[Bearing]) -> float:

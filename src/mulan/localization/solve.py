@@ -145,3 +145,12 @@ def solve_graph(
         values = _optimise(factors, values)
         solved_with = inflation
     return Solution(values, factors, bearing_trust, range_trust, chosen, float(factors.error(values)))
+
+
+def refine_solution(graph: LocalizationGraph, solution: Solution) -> Solution:
+    """One more round from an earlier solution, after the graph's odometry changed a little."""
+    bearing_trust, chosen = _bearing_trust(graph, solution.values, 1.0)
+    range_trust = _range_trust(graph, solution.values, 1.0)
+    factors = _weighted(graph, bearing_trust, chosen, range_trust, 1.0, robust=False)
+    values = _optimise(factors, solution.values)
+    return Solution(values, factors, bearing_trust, range_trust, chosen, float(factors.error(values)))
