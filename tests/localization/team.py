@@ -38,7 +38,9 @@ def dead_reckoning(rng, T_world_body, yaw_deg=0.1, percent=1.0):
     return np.array(T), np.array(covariance)
 
 
-def make_team(rng, count=2, n=100, with_covariance=True, spread_m=4.0, flat=False, photos=50):
+def make_team(
+    rng, count=2, n=100, with_covariance=True, spread_m=4.0, flat=False, photos=50, yaw_deg=0.1, percent=1.0
+):
     """Robots with ground truth in one frame."""
     robots = []
     for i in range(count):
@@ -49,7 +51,7 @@ def make_team(rng, count=2, n=100, with_covariance=True, spread_m=4.0, flat=Fals
             se3.from_parts(np.eye(3), spread_m * np.array([np.cos(angle), np.sin(angle), height / spread_m]))
             @ T
         )
-        T_odom, covariance = dead_reckoning(rng, T)
+        T_odom, covariance = dead_reckoning(rng, T, yaw_deg, percent)
         log = RobotLog(
             name=("alpha", "beta", "gamma", "delta", "epsilon")[i],
             camera=PinholeCamera(40, 30, 30.0, 30.0, 20.0, 15.0),

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
+
 
 class Lie(StrEnum):
     """What is wrong with what a robot's radios report."""
@@ -36,6 +38,14 @@ class Suspect:
     amount: float | None
     measurements: int
     alternatives: tuple[str, ...] = ()
+
+    def sentence(self) -> str:
+        """What is wrong and how sure that is, without the name."""
+        how_much = ""
+        if self.amount is not None:
+            is_turn = self.lie is Lie.BEARINGS_TURNED
+            how_much = f" by {np.degrees(self.amount):.0f}°" if is_turn else f" by {self.amount:.2f} m"
+        return f"{self.lie}{how_much}, {self.measurements} set aside (evidence {self.evidence_nats:.0f} nats)"
 
 
 @dataclass(frozen=True)
