@@ -54,7 +54,7 @@ class TrustConfig:
 
     check: bool = True
     """Look for robots whose measurements contradict the rest of the team."""
-    least_evidence_nats: float = 15.0
+    least_evidence_nats: float = 12.0
     """How much likelier (logarithm) all measurements must be if the robot is wrong."""
     smallest_turn_deg: float = 8.0
     """Bearings turned less than this are not called wrong."""

@@ -19,6 +19,7 @@ from mulan.localization.likelihood import (
     wrong_bearing_log_likelihood,
     wrong_range_log_likelihood,
 )
+from mulan.localization.score_test import misfits
 from mulan.localization.solve import Solution, solve_graph
 from mulan.mission.types import RobotLog
 from mulan.wireless.types import Bearing, Range
@@ -29,7 +30,7 @@ _TURNS_RAD = np.deg2rad(np.arange(-179.0, 181.0))
 _MOST_BIASES = 60
 _FEWEST = 4  # measurements a robot is judged by
 _SUSPICIOUS = 0.45  # part of a robot's measurements to or of one peer that went wrong
-_WORTH_A_TRIAL_NATS = 5.0
+_WORTH_A_TRIAL_NATS = 7.0
 _MOST_TRIALS = 6
 _EXPLAINED = 0.6  # part of a liar's measurements its lie must explain
 _WRONG = 0.65  # part of a robot's measurements that went wrong without a common reason
@@ -245,20 +246,44 @@ class _Court:
     def worth_a_trial(self, verdict: _Verdict) -> list[_Accusation]:
         """Accusations that could explain what went wrong, the likeliest first.
 
-        Those that would explain a robot's outliers as things stand, and those of robots most of whose
-        measurements with some peer went wrong, whose lie may have been believed.
+        Those that would explain a robot's outliers as things stand, those that would explain residuals if the
+        poses gave way (a lie too small to make outliers bends the solution instead), and those of robots most
+        of whose measurements with some peer went wrong, whose lie may have been believed.
         """
         wrong_b, wrong_r = self.wrongness(verdict)
         already = {(a.robot, a.lie) for a in verdict.accused}
+        possible = [a for a in self.accusations() if (a.robot, a.lie) not in already]
+        scored = self._scores(verdict, possible)
         ranked = []
-        for accusation in self.accusations():
-            if (accusation.robot, accusation.lie) in already:
-                continue
-            nats = self._gain_as_things_stand(verdict, accusation)
+        for accusation, score in zip(possible, scored, strict=True):
+            nats = max(self._gain_as_things_stand(verdict, accusation), score)
             blame, worst = self._blame(accusation.robot, wrong_b, wrong_r)
             if nats > _WORTH_A_TRIAL_NATS or worst > _SUSPICIOUS:
-                ranked.append((-max(nats, 0.0) - 20.0 * blame, len(ranked), accusation))
+                ranked.append((-nats - 20.0 * blame, len(ranked), accusation))
         return [accusation for _, _, accusation in sorted(ranked)[:_MOST_TRIALS]]
+
+    def _scores(self, verdict: _Verdict, possible: Sequence[_Accusation]) -> list[float]:
+        """Nats every accusation would gain to first order; zero for lies too small to be called so."""
+        out_b = np.zeros(len(self.bearings), dtype=bool)
+        out_r = np.zeros(len(self.ranges), dtype=bool)
+        for a in verdict.accused:
+            out_b, out_r = out_b | a.bearings, out_r | a.ranges
+        in_b, in_r = verdict.has_bearing & ~out_b, verdict.has_range & ~out_r
+        found = misfits(
+            verdict.kept,
+            verdict.solution,
+            [a.bearings[in_b] for a in possible],
+            [a.ranges[in_r] for a in possible],
+        )
+        trust = self.config.trust
+        smallest = {
+            Lie.BEARINGS_TURNED: np.deg2rad(trust.smallest_turn_deg),
+            Lie.RANGES_BIASED: trust.smallest_bias_m,
+        }
+        return [
+            misfit.nats if misfit is not None and abs(misfit.amount) > smallest[a.lie] / 2 else 0.0
+            for a, misfit in zip(possible, found, strict=True)
+        ]
 
     def _gain_as_things_stand(self, verdict: _Verdict, accusation: _Accusation) -> float:
         """How much likelier an accusation makes the measurements without solving again."""
@@ -328,8 +353,7 @@ def solve_trusting(
     suspects: list[Suspect] = []
     allowed = max(1, (len(robots) - 1) // 2) if config.trust.check and len(robots) > 1 else 0
     while len(suspects) < allowed:
-        trials = [court.judge((*verdict.accused, a), progress) for a in court.worth_a_trial(verdict)]
-        trials = [t for t in trials if court.is_plausible(t)]
+        trials = _trials(court, verdict)
         best = max(trials, key=lambda t: t.nats, default=None)
         if best is None or best.nats < verdict.nats + config.trust.least_evidence_nats:
             break
@@ -349,6 +373,20 @@ def solve_trusting(
     if config.trust.check:
         suspects += _broken_radios(court, verdict)
     return _trusted(court, verdict, suspects)
+
+
+def _trials(court: _Court, verdict: _Verdict) -> list[_Verdict]:
+    """The plausible ones, up to the first that leaves nothing to explain (two robots may explain alike)."""
+    trials = []
+    for accusation in court.worth_a_trial(verdict):
+        trial = court.judge((*verdict.accused, accusation))
+        if not court.is_plausible(trial):
+            continue
+        trials.append(trial)
+        is_clear = trial.nats > verdict.nats + court.config.trust.least_evidence_nats
+        if len(court.robots) > 2 and is_clear and not court.worth_a_trial(trial):
+            break
+    return trials
 
 
 def _broken_radios(court: _Court, verdict: _Verdict) -> list[Suspect]:
