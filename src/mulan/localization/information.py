@@ -17,7 +17,7 @@ FREEDOMS[6] = ("roll", "pitch", *FREEDOMS[4])
 
 _SAME_BASIN_SIGMAS2 = 36.0
 _ALIKE_COST = 4.0
-_LEAST_INFORMATION = 1e-6  # of a freedom nothing was measured of, in squared units of "known"
+_LARGEST_POSITION_M = 1e3  # nobody is farther away; and no angle is larger than half a turn
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,8 @@ def missing_freedoms(
     value, vector = np.linalg.eigh(information)
     if value[0] >= 1.0:
         return ()
-    variance = np.diag(np.linalg.inv(information + _LEAST_INFORMATION * np.eye(freedoms)))
+    widest = np.array([np.pi] * (freedoms - 3) + [_LARGEST_POSITION_M] * 3)
+    variance = np.diag(np.linalg.inv(information + np.diag((unit / widest) ** 2)))
     open_ones = [int(i) for i in np.argsort(-variance, kind="stable") if variance[i] > 1.0]
     return tuple(FREEDOMS[freedoms][i] for i in open_ones or [int(np.abs(vector[:, 0]).argmax())])
 

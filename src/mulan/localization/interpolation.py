@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 from numpy.typing import NDArray
 
 from mulan.geometry import se3
+from mulan.localization.graph import LocalizationConfig
 from mulan.localization.keyframes import Keyframes, OdometryNoise, make_keyframes
 from mulan.mission.types import RobotLog
 
@@ -48,8 +49,7 @@ def pose_between(
     keyframes: Keyframes,
     T_world_keyframe: Float[NDArray, "n 4 4"],
     time_s: float,
-    noise: OdometryNoise,
-    gravity_aligned: bool,
+    config: LocalizationConfig,
 ) -> Between:
     """The most probable pose at an instant, given the keyframes on both sides and the odometry in between.
 
@@ -62,9 +62,9 @@ def pose_between(
         keyframes: The robot's keyframes in the graph.
         T_world_keyframe: Their optimised poses.
         time_s: Instant; outside the odometry its ends are held.
-        noise: Drift where the odometry reports none, as in the graph.
-        gravity_aligned: Likewise.
+        config: The graph's.
     """
+    noise, gravity_aligned = config.odometry_noise, config.gravity_aligned
     stamps = keyframes.time_s
     time_s = float(np.clip(time_s, robot.odometry.time_s[0], robot.odometry.time_s[-1]))
     nearest = keyframes.nearest(time_s)
@@ -93,7 +93,7 @@ def pose_between(
     from_before = se3.inverse(T_before) @ T
     by_before = se3.adjoint(se3.inverse(from_before)) - gain @ se3.adjoint(se3.inverse(apart))
     result = Between(np.array([before, after]), T, by_before, gain, (own + own.T) / 2)
-    return _levelled(result, pieces, 1) if gravity_aligned else result
+    return _levelled(result, pieces, 1, np.deg2rad(config.gravity_sigma_deg)) if gravity_aligned else result
 
 
 def _pieces(
@@ -128,14 +128,14 @@ def _beyond(
     return Between(at, T_world_keyframe @ se3.inverse(T_early_late), by, np.zeros((6, 6)), own)
 
 
-def _levelled(pose: Between, pieces: Keyframes, index: int) -> Between:
+def _levelled(pose: Between, pieces: Keyframes, index: int, gravity_sigma_rad: float) -> Between:
     """Count in the vertical the odometry felt at the instant, against what is open beside the keyframes."""
     felt, seen = pieces.T_odom_body[index, 2, :3], pose.T_world_body[2, :3]
     across = np.linalg.svd(felt[None])[2][1:]  # two directions in the body's level plane
     # turning the body by w moves the vertical it sees by -w x seen
     H = np.zeros((2, 6))
     H[:, :3] = across @ np.array([[0, -seen[2], seen[1]], [seen[2], 0, -seen[0]], [-seen[1], seen[0], 0]])
-    variance = pieces.tilt_variance_rad2[index]
+    variance = float(pieces.tilt_variance_rad2[index]) + gravity_sigma_rad**2
     gain = np.linalg.solve(H @ pose.own_covariance @ H.T + variance * np.eye(2), H @ pose.own_covariance).T
     keep = np.eye(6) - gain @ H
     own = keep @ pose.own_covariance @ keep.T + variance * gain @ gain.T

@@ -42,8 +42,7 @@ class _TeamPoses:
             self._learned.graph.robots[name],
             self.T_world_keyframe[name],
             time_s,
-            self._config.odometry_noise,
-            self._config.gravity_aligned,
+            self._config,
         )
 
     def trajectory(self, name: str, time_s: Float[NDArray, "n"]) -> PosedTrajectory:
