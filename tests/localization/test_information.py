@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -37,8 +39,6 @@ def test_the_freedom_is_the_heading_also_far_from_the_start():
     odometry = robots[1].odometry
     shift = np.eye(4)
     shift[:3, 3] = [50.0, 0.0, 0.0]
-    from dataclasses import replace
-
     far = (
         robots[0],
         replace(robots[1], odometry=replace(odometry, T_odom_body=shift @ odometry.T_odom_body)),

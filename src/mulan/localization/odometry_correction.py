@@ -66,5 +66,5 @@ class OdometryLearningConfig:
     """How far a scale is from one before anything is known, one sigma."""
     largest_noise_factor: float = 5.0
     """Learned sigmas stay within this factor of what was given or assumed."""
-    rounds: int = 5
+    rounds: int = 8
     """Most rounds of solving and learning."""

@@ -15,8 +15,8 @@ from mulan.localization.odometry_correction import Learning, OdometryCorrection
 from mulan.localization.solve import Solution, refine_solution
 from mulan.mission.types import RobotLog
 
-_PRIOR_STEPS = 4.0  # what was given counts as much as so many residuals
-_SETTLED_NOISE = 0.05  # change of a sigma, relative
+_PRIOR_STEPS = 0.5  # what was given counts as so many residuals
+_SETTLED_NOISE = 0.03  # change of a sigma, relative
 _SETTLED_SCALE = 0.1  # in its sigmas
 _MOST_SCALE_STEP = 0.02
 _LEAST_SCALE, _MOST_SCALE = 0.5, 2.0
