@@ -38,18 +38,29 @@ def dead_reckoning(rng, T_world_body, yaw_deg=0.1, percent=1.0):
     return np.array(T), np.array(covariance)
 
 
-def make_team(rng, count=2, n=100, with_covariance=True, spread_m=4.0, flat=False, photos=50):
+def make_team(
+    rng,
+    count=2,
+    n=100,
+    with_covariance=True,
+    spread_m=4.0,
+    flat=False,
+    photos=50,
+    yaw_deg=0.1,
+    percent=1.0,
+    duration_s=100.0,
+):
     """Robots with ground truth in one frame."""
     robots = []
     for i in range(count):
-        time_s, T = true_motion(rng, n, flat=flat)
+        time_s, T = true_motion(rng, n, duration_s, flat=flat)
         angle = 2 * np.pi * i / count + rng.uniform(-0.3, 0.3)
         height = 0.0 if flat else rng.uniform(-0.5, 0.5)
         T = (
             se3.from_parts(np.eye(3), spread_m * np.array([np.cos(angle), np.sin(angle), height / spread_m]))
             @ T
         )
-        T_odom, covariance = dead_reckoning(rng, T)
+        T_odom, covariance = dead_reckoning(rng, T, yaw_deg, percent)
         log = RobotLog(
             name=("alpha", "beta", "gamma", "delta", "epsilon")[i],
             camera=PinholeCamera(40, 30, 30.0, 30.0, 20.0, 15.0),

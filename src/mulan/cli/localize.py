@@ -14,6 +14,7 @@ from mulan.localization.accuracy import RobotAccuracy, accuracy, world_from_trut
 from mulan.localization.localize import LocalizationConfig, localize
 from mulan.localization.posed_images import localized_images
 from mulan.localization.run_files import write_localization
+from mulan.localization.types import Localization
 from mulan.mission.bag_reader import read_mission
 from mulan.mission.extract import extract_photos
 from mulan.mission.nerfstudio import write_transforms
@@ -54,22 +55,37 @@ def print_accuracy(figures: dict[str, RobotAccuracy]) -> None:
     console.print(table)
 
 
+def print_verdict(localization: Localization) -> None:
+    """Robots that lie and robots that cannot be placed, each in a sentence."""
+    for suspect in localization.suspects:
+        others = f" (or {', '.join(suspect.alternatives)})" if suspect.alternatives else ""
+        console.print(f"[yellow]Not believed:[/] {suspect.robot}{others}: {suspect.sentence()}")
+    for robot in localization.undetermined:
+        console.print(f"[yellow]Not placed yet:[/] {robot.sentence()}")
+
+
 def localize_bag(bag: Path, run: RunFolder, options: Options) -> None:
-    """Read the bag, localize, write poses, covariances and the posed image set into the run."""
+    """Read the bag, localize, write poses, covariances and the posed image set into the run.
+
+    Raises:
+        InputError: No robot beside the anchor can be placed; nothing is written then.
+    """
     mission = read_mission(bag)
     bearings = calibrated(options.bearings, options.calibration)
     run.check_writable()
     with progress_bar("Localizing") as progress:
         localization = localize(mission, options.graph, bearings, progress)
+    localization.require_any_placed()
     write_localization(localization, mission, run)
     files = extract_photos(mission, run)
     images = localized_images(mission, localization, files, world_from_truth(mission), options.hold_out_every)
     write_transforms(images, run.transforms)
     outliers = int((localization.bearing_inlier < 0.5).sum())
     console.print(
-        f"{len(mission.robots)} robots in {localization.anchor}'s start frame from "
+        f"{len(localization.trajectories)} robots in {localization.anchor}'s start frame from "
         f"{len(localization.bearings)} bearings ({outliers} set aside) and {len(localization.ranges)} ranges"
     )
+    print_verdict(localization)
     if figures := accuracy(localization, mission):
         print_accuracy(figures)
 
@@ -80,6 +96,9 @@ def main(arguments: Sequence[str]) -> int:
     run = RunFolder(options.out)
     localize_bag(options.bag, run, options)
     run.record_config("localize", asdict(options))
-    console.print(f"Poses: [bold]{run.poses}[/], posed images: [bold]{run.transforms}[/]")
+    console.print(
+        f"Poses: [bold]{run.poses}[/], picture: [bold]{run.localization.with_suffix('.png')}[/], "
+        f"posed images: [bold]{run.transforms}[/]"
+    )
     console.print(f"Next: [cyan]mulan train {options.out}[/]")
     return 0

@@ -56,6 +56,7 @@ def compare_setups(
         raise InputError(f"/{mission.robots[0].name}/ground_truth", "topic", "is absent", remedy)
     files = extract_photos(mission, run)
     localization = localize(mission, localization_config, bearing_config, stage("Localizing"))
+    localization.require_all_placed()
     write_localization(localization, mission, run)
     oracle = oracle_images(mission, files, T_world_truth)
     estimated = localized_images(mission, localization, files, T_world_truth)

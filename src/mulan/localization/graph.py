@@ -18,6 +18,8 @@ from mulan.localization.keyframes import (
     make_keyframes,
     measurement_times,
 )
+from mulan.localization.lies import TrustConfig
+from mulan.localization.odometry_correction import OdometryLearningConfig
 from mulan.localization.relative_measurements import bearing_origin, bearing_targets, range_endpoints
 from mulan.mission.types import RobotLog
 from mulan.wireless.ranging import RangingConfig
@@ -50,6 +52,14 @@ class LocalizationConfig:
     """Drift assumed where the odometry reports none."""
     initialization: InitializationConfig = field(default_factory=InitializationConfig)
     """How start frames are found."""
+    trust: TrustConfig = field(default_factory=TrustConfig)
+    """When a robot is called a liar."""
+    odometry_learning: OdometryLearningConfig = field(default_factory=OdometryLearningConfig)
+    """Whether the odometry's scale and noise are learned."""
+    photo_keyframe_every_m: float = 0.0
+    """Photographs nearer than this (and than the next) to the last keyframe get interpolated poses."""
+    photo_keyframe_every_s: float = 0.0
+    """The same in seconds; zero in either makes every photograph a keyframe."""
 
 
 @dataclass(frozen=True)
@@ -186,7 +196,13 @@ def build_graph(
     keyframes = {
         robot.name: make_keyframes(
             robot,
-            keyframe_times(robot, measurement_times(robot.name, bearings, ranges), config.keyframe_merge_s),
+            keyframe_times(
+                robot,
+                measurement_times(robot.name, bearings, ranges),
+                config.keyframe_merge_s,
+                config.photo_keyframe_every_m,
+                config.photo_keyframe_every_s,
+            ),
             config.odometry_noise,
             config.gravity_aligned,
         )

@@ -7,15 +7,12 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
 
-from mulan.errors import InputError
 from mulan.geometry import se3, so3
-from mulan.localization.alignment_search import Alignment, search_alignment
+from mulan.localization.alignment_search import search_alignment
+from mulan.localization.information import Undetermined, no_measurements, undetermined
 from mulan.localization.relative_measurements import RelativeMeasurements, gather
 from mulan.mission.types import RobotLog
 from mulan.wireless.types import Bearing, Range
-
-_FREEDOMS: dict[int, tuple[str, ...]] = {4: ("heading", "position along x", "position along y", "height")}
-_FREEDOMS[6] = ("roll", "pitch", *_FREEDOMS[4])
 
 
 @dataclass(frozen=True)
@@ -76,37 +73,17 @@ def _starts(
     return np.repeat(R, len(around), axis=0), t.reshape(-1, 3)
 
 
-def _refuse_unknown(name: str, found: Alignment, config: InitializationConfig, freedoms: int) -> None:
-    """Raise InputError if a freedom is unobserved or a second, different solution fits as well."""
-    unit = np.array([config.known_within_rad] * (freedoms - 3) + [config.known_within_m] * 3)
-    value, vector = np.linalg.eigh(unit[:, None] * found.information * unit[None, :])
-    remedy = (
-        "move the antennas more (3-D loops show heights) or record bearings and ranges in both directions"
-    )
-    if value[0] < 1.0:
-        missing = _FREEDOMS[freedoms][int(np.abs(vector[:, 0]).argmax())]
-        if missing == "height":
-            remedy = (
-                "set common_floor_sigma_m if all robots drive on one floor, or wave the antennas in 3-D loops"
-            )
-        raise InputError(f"robot '{name}'", missing, "is not determined by its bearings and ranges", remedy)
-    turn = so3.log(found.R @ np.swapaxes(found.R[:1], 1, 2))
-    turned, shift = np.linalg.norm(turn, axis=1), found.t_m - found.t_m[0]
-    apart = np.concatenate([turn[:, 6 - freedoms :], shift], axis=1)
-    # within one basin so many sigmas apart would cost as much more; alike at that distance is another basin
-    sigmas2 = np.einsum("sd,de,se->s", apart, found.information, apart)
-    far = (turned > config.known_within_rad) | (np.linalg.norm(shift, axis=1) > config.known_within_m / 2)
-    rival = np.flatnonzero(far & (sigmas2 > 36.0) & (found.cost < found.cost[0] + 4.0))
-    if len(rival):
-        i = int(rival[0])
-        freedom = "heading" if turned[i] > config.known_within_rad else "position"
-        raise InputError(
-            f"robot '{name}'",
-            freedom,
-            f"has two solutions that fit alike ({np.degrees(turned[i]):.0f} degrees and "
-            f"{np.linalg.norm(shift[i]):.1f} m apart)",
-            remedy,
-        )
+@dataclass(frozen=True)
+class TeamAlignment:
+    """Start frames found, and the robots that have too little information for one.
+
+    Attributes:
+        T_world_odom: By name; the anchor's is the identity.
+        undetermined: The others, with what they lack.
+    """
+
+    T_world_odom: Mapping[str, Float[NDArray, "4 4"]]
+    undetermined: tuple[Undetermined, ...]
 
 
 def initial_alignment(
@@ -117,21 +94,39 @@ def initial_alignment(
     gravity_aligned: bool = True,
     common_floor_sigma_m: float | None = None,
 ) -> Mapping[str, Float[NDArray, "4 4"]]:
-    """``T_world_odom`` of every robot; the first one's is the identity.
-
-    Robots join one after another, the best connected first, each aligned to all that were placed before: yaw
-    and translation (or all six freedoms) from many starts, solved together and ranked by robust cost.
+    """``T_world_odom`` of every robot, as ``align_team`` finds them.
 
     Raises:
         InputError: A robot has too little information; says which robot and which freedom.
+    """
+    aligned = align_team(robots, bearings, ranges, config, gravity_aligned, common_floor_sigma_m)
+    if aligned.undetermined:
+        raise aligned.undetermined[0].error()
+    return aligned.T_world_odom
+
+
+def align_team(
+    robots: Sequence[RobotLog],
+    bearings: Sequence[Bearing],
+    ranges: Sequence[Range],
+    config: InitializationConfig,
+    gravity_aligned: bool = True,
+    common_floor_sigma_m: float | None = None,
+) -> TeamAlignment:
+    """Start frames of all robots that can be placed; the first robot's is the identity.
+
+    Robots join one after another, the best connected first, each aligned to all that were placed before: yaw
+    and translation (or all six freedoms) from many starts, solved together and ranked by robust cost. Those
+    left over when no other can join are undetermined.
     """
     freedoms = 4 if gravity_aligned else 6
     anchor = robots[0]
     placed: dict[str, tuple[RobotLog, Float[NDArray, "4 4"]]] = {anchor.name: (anchor, np.eye(4))}
     waiting = list(robots[1:])
     by_robot = {robot.name: _taking_part(robot.name, bearings, ranges) for robot in robots}
+    refused: list[Undetermined] = []
     while waiting:
-        refused: InputError | None = None
+        refused = []
         waiting.sort(key=lambda robot: (-_tied(robot.name, placed, *by_robot[robot.name]), robot.name))
         for robot in waiting:
             m = gather(
@@ -142,18 +137,16 @@ def initial_alignment(
                 config.smallest_sigma_m,
                 config.most_ranges,
             )
-            try:
-                T = _place(robot, anchor, m, config, freedoms, common_floor_sigma_m)
-            except InputError as error:
-                refused = refused or error
+            T = _place(robot, anchor, m, config, freedoms, common_floor_sigma_m)
+            if isinstance(T, Undetermined):
+                refused.append(T)
                 continue
             placed[robot.name] = (robot, T)
             waiting.remove(robot)
             break
         else:
-            assert refused is not None
-            raise refused
-    return {name: T for name, (_, T) in placed.items()}
+            break
+    return TeamAlignment({name: T for name, (_, T) in placed.items()}, tuple(refused) if waiting else ())
 
 
 def _taking_part(
@@ -181,14 +174,9 @@ def _place(
     config: InitializationConfig,
     freedoms: int,
     common_floor_sigma_m: float | None,
-) -> Float[NDArray, "4 4"]:
+) -> Float[NDArray, "4 4"] | Undetermined:
     if m.count == 0:
-        raise InputError(
-            f"robot '{robot.name}'",
-            "bearings and ranges",
-            "there are none to the anchor or any robot tied to it",
-            "record CSI or UWB between them, with one standing still while the other moves its antenna",
-        )
+        return no_measurements(robot.name)
     if common_floor_sigma_m is not None:
         m = replace(
             m,
@@ -197,8 +185,8 @@ def _place(
             floor_sigma_m=max(common_floor_sigma_m, 1e-3),
         )
     found = search_alignment(m, *_starts(m, config, freedoms), freedoms)
-    _refuse_unknown(robot.name, found, config, freedoms)
-    return se3.from_parts(found.R[0], found.t_m[0])
+    missing = undetermined(robot.name, found, m, config.known_within_rad, config.known_within_m, freedoms)
+    return missing or se3.from_parts(found.R[0], found.t_m[0])
 
 
 def align_robot(
@@ -218,4 +206,7 @@ def align_robot(
     """
     sigma_rad = np.deg2rad(config.smallest_sigma_deg)
     m = gather(robot, placed, bearings, ranges, sigma_rad, config.smallest_sigma_m, config.most_ranges)
-    return _place(robot, anchor, m, config, 4 if gravity_aligned else 6, common_floor_sigma_m)
+    T = _place(robot, anchor, m, config, 4 if gravity_aligned else 6, common_floor_sigma_m)
+    if isinstance(T, Undetermined):
+        raise T.error()
+    return T

@@ -1,7 +1,7 @@
 """The instants of each robot the graph has a pose for, and the odometry between them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mulan.errors import InputError
 from mulan.geometry import se3
+from mulan.localization.odometry_correction import NOT_CORRECTED, OdometryCorrection, noise_stretch
 from mulan.mission.types import RobotLog
 from mulan.wireless.odometry_drift import covariance_at, relative_covariance
 from mulan.wireless.types import Bearing, Range
@@ -37,9 +38,10 @@ class Keyframes:
     Attributes:
         robot: Name.
         time_s: Instants, increasing; the first is the start of the odometry.
-        T_odom_body: Dead reckoning there.
+        T_odom_body: Dead reckoning there, scaled by the correction.
         step_covariance: Of the motion from each keyframe to the next (right perturbation of the latter).
         tilt_variance_rad2: Of roll and pitch at each keyframe against gravity.
+        correction: Already in the poses and covariances.
     """
 
     robot: str
@@ -47,18 +49,49 @@ class Keyframes:
     T_odom_body: Float[NDArray, "n 4 4"]
     step_covariance: Float[NDArray, "m 6 6"]
     tilt_variance_rad2: Float[NDArray, "n"]
+    correction: OdometryCorrection = NOT_CORRECTED
 
     def nearest(self, time_s: float) -> int:
         """Index of the keyframe nearest in time."""
         return int(np.abs(self.time_s - time_s).argmin())
 
     def point_in_keyframe(self, index: int, point_odom_m: Float[NDArray, "3"]) -> Float[NDArray, "3"]:
-        """A point given in the odometry frame, carried rigidly by a keyframe's body."""
-        return se3.transform(se3.inverse(self.T_odom_body[index]), point_odom_m)
+        """A point given in the odometry frame, carried rigidly by a keyframe's body.
+
+        The scale is left out: from a keyframe to a measurement that hangs on it the body hardly moves.
+        """
+        T = self.T_odom_body[index].copy()
+        T[:3, 3] = (
+            self.T_odom_body[0, :3, 3] + (T[:3, 3] - self.T_odom_body[0, :3, 3]) / self.correction.scale
+        )
+        return se3.transform(se3.inverse(T), point_odom_m)
 
 
-def keyframe_times(robot: RobotLog, measured_s: Float[NDArray, "m"], merge_s: float) -> Float[NDArray, "n"]:
+def _photographs_kept(
+    robot: RobotLog, photo_s: Float[NDArray, "p"], every_m: float, every_s: float
+) -> Float[NDArray, "k"]:
+    """Photographs far enough, in metres or seconds, from the last one kept; always the last."""
+    if len(photo_s) == 0 or min(every_m, every_s) <= 0:
+        return photo_s
+    at_m = np.interp(photo_s, robot.odometry.time_s, _travelled_m(robot))
+    kept = [0]
+    for i in range(1, len(photo_s)):
+        if at_m[i] - at_m[kept[-1]] >= every_m or photo_s[i] - photo_s[kept[-1]] >= every_s:
+            kept.append(i)
+    return photo_s[np.unique([*kept, len(photo_s) - 1])]
+
+
+def keyframe_times(
+    robot: RobotLog,
+    measured_s: Float[NDArray, "m"],
+    merge_s: float,
+    photo_every_m: float = 0.0,
+    photo_every_s: float = 0.0,
+) -> Float[NDArray, "n"]:
     """Start, photographs, and measurement instants farther than ``merge_s`` from any earlier chosen one.
+
+    Photographs nearer than both ``photo_every_m`` and ``photo_every_s`` to the last chosen are left out;
+    where either is zero, none is.
 
     Raises:
         InputError: A photograph lies outside the odometry.
@@ -73,7 +106,8 @@ def keyframe_times(robot: RobotLog, measured_s: Float[NDArray, "m"], merge_s: fl
             f"covers {begin:.2f} to {end:.2f} s but a photograph was taken at {late[0]:.2f} s",
             "record odometry during the whole mission, or check the robot's clock",
         )
-    chosen = np.unique(np.concatenate([[begin], photos]))
+    kept = _photographs_kept(robot, photos, photo_every_m, photo_every_s)
+    chosen = np.unique(np.concatenate([[begin], np.clip(kept, begin, end)]))
     extra = []
     for t in np.sort(measured_s[(measured_s >= begin) & (measured_s <= end)]):
         k = np.searchsorted(chosen, t)
@@ -92,38 +126,86 @@ def _without_tilt(T: Float[NDArray, "n 4 4"], covariance: Float[NDArray, "n 6 6"
     return keep @ covariance @ np.swapaxes(keep, 1, 2)
 
 
-def make_keyframes(
-    robot: RobotLog, time_s: Float[NDArray, "n"], noise: OdometryNoise, gravity_aligned: bool
-) -> Keyframes:
-    """Dead reckoning at the keyframes and how much it drifts between them."""
-    odometry = robot.odometry
-    T = se3.interpolate(odometry.time_s, odometry.T_odom_body, time_s)
-    accumulated = covariance_at(odometry, time_s)
+def _travelled_m(robot: RobotLog) -> Float[NDArray, "n"]:
+    """Path length at each odometry sample."""
+    steps = np.linalg.norm(np.diff(robot.odometry.T_odom_body[:, :3, 3], axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _drift(
+    robot: RobotLog,
+    T_odom_body: Float[NDArray, "n 4 4"],
+    time_s: Float[NDArray, "n"],
+    noise: OdometryNoise,
+    gravity_aligned: bool,
+) -> tuple[Float[NDArray, "m 6 6"], Float[NDArray, "n"]]:
+    """Random walk of every step, and the bounded variance of roll and pitch at every instant."""
+    accumulated = covariance_at(robot.odometry, time_s)
     tilt_variance = np.full(len(time_s), np.deg2rad(noise.tilt_deg) ** 2)
     if accumulated is None:
-        travelled = np.concatenate(
-            [[0.0], np.cumsum(np.linalg.norm(np.diff(odometry.T_odom_body[:, :3, 3], axis=0), axis=1))]
-        )
-        step_m = np.diff(np.interp(time_s, odometry.time_s, travelled))
+        step_m = np.diff(np.interp(time_s, robot.odometry.time_s, _travelled_m(robot)))
         step = np.zeros((len(step_m), 6, 6))
         rotation = np.deg2rad(noise.rotation_deg_per_sqrt_m) ** 2
         step[:, [0, 1, 2], [0, 1, 2]] = rotation * step_m[:, None]
         step[:, [3, 4, 5], [3, 4, 5]] = (noise.translation_percent / 100) ** 2 * step_m[:, None]
-    else:
-        if gravity_aligned:
-            R = T[:, :3, :3]
-            in_odom_axes = R @ accumulated[:, :3, :3] @ np.swapaxes(R, 1, 2)
-            tilt_variance = (in_odom_axes[:, 0, 0] + in_odom_axes[:, 1, 1]) / 2
-            accumulated = _without_tilt(T, accumulated)
-        step = relative_covariance(T[:-1], accumulated[:-1], T[1:], accumulated[1:])
+        return step, tilt_variance
+    if gravity_aligned:
+        R = T_odom_body[:, :3, :3]
+        in_odom_axes = R @ accumulated[:, :3, :3] @ np.swapaxes(R, 1, 2)
+        tilt_variance = (in_odom_axes[:, 0, 0] + in_odom_axes[:, 1, 1]) / 2
+        accumulated = _without_tilt(T_odom_body, accumulated)
+    step = relative_covariance(T_odom_body[:-1], accumulated[:-1], T_odom_body[1:], accumulated[1:])
+    return step, tilt_variance
+
+
+def make_keyframes(
+    robot: RobotLog,
+    time_s: Float[NDArray, "n"],
+    noise: OdometryNoise,
+    gravity_aligned: bool,
+    floor_fraction: Float[NDArray, "m"] | None = None,
+    correction: OdometryCorrection = NOT_CORRECTED,
+) -> Keyframes:
+    """Dead reckoning at the keyframes and how much it drifts between them.
+
+    Args:
+        robot: Its odometry and whether that reports a covariance.
+        time_s: Keyframes.
+        noise: Drift where it reports none.
+        gravity_aligned: Roll and pitch are bounded errors, no random walk.
+        floor_fraction: Part of what every step gets whatever its length (tilt and the floors) that each step
+            gets here; all of it by default. For steps cut into pieces.
+        correction: Learned scale and noise.
+    """
+    T = se3.interpolate(robot.odometry.time_s, robot.odometry.T_odom_body, time_s)
+    step, tilt_variance = _drift(robot, T, time_s, noise, gravity_aligned)
+    fixed = np.zeros_like(step)
     if gravity_aligned:
         R = T[1:, :3, :3]
         # tilt errors of two keyframes may differ by twice the variance; gravity factors hold each of them
         level = np.swapaxes(R, 1, 2) @ np.diag([1.0, 1.0, 0.0]) @ R
-        step[:, :3, :3] += 2 * tilt_variance[1:, None, None] * level
-    step[:, [0, 1, 2], [0, 1, 2]] += noise.rotation_floor_rad**2
-    step[:, [3, 4, 5], [3, 4, 5]] += noise.translation_floor_m**2
-    return Keyframes(robot.name, time_s, T, step, tilt_variance)
+        fixed[:, :3, :3] += 2 * tilt_variance[1:, None, None] * level
+    fixed[:, [0, 1, 2], [0, 1, 2]] += noise.rotation_floor_rad**2
+    fixed[:, [3, 4, 5], [3, 4, 5]] += noise.translation_floor_m**2
+    if floor_fraction is not None:
+        fixed *= floor_fraction[:, None, None]
+    plain = Keyframes(robot.name, time_s, T, step + fixed, tilt_variance)
+    return corrected_keyframes(plain, correction, gravity_aligned)
+
+
+def corrected_keyframes(
+    keyframes: Keyframes, correction: OdometryCorrection, gravity_aligned: bool
+) -> Keyframes:
+    """Uncorrected keyframes with a learned scale and noise."""
+    T = keyframes.T_odom_body.copy()
+    T[:, :3, 3] = T[0, :3, 3] + correction.scale * (T[:, :3, 3] - T[0, :3, 3])
+    stretch = noise_stretch(T[1:], correction, gravity_aligned)
+    return replace(
+        keyframes,
+        T_odom_body=T,
+        step_covariance=stretch @ keyframes.step_covariance @ stretch,
+        correction=correction,
+    )
 
 
 def clock_offset_s(observer: str, peer: str, bearings: Sequence[Bearing]) -> float:

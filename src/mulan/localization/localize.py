@@ -1,15 +1,18 @@
 """From a mission to every robot's poses in one frame, with covariance."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
+from jaxtyping import Float
+from numpy.typing import NDArray
 
 from mulan.errors import InputError
 from mulan.geometry import se3
-from mulan.localization.graph import LocalizationConfig, LocalizationGraph, build_graph
-from mulan.localization.graph_covariances import GraphCovariances
-from mulan.localization.initialization import initial_alignment
-from mulan.localization.solve import Solution, solve_graph
+from mulan.localization.graph import LocalizationConfig
+from mulan.localization.interpolation import Between, pose_between
+from mulan.localization.odometry_learning import LearnedOdometry, learn_odometry
+from mulan.localization.relative_poses import relative_poses
+from mulan.localization.trust import solve_trusting
 from mulan.localization.types import Localization, PosedTrajectory
 from mulan.mission.types import Mission, RobotLog
 from mulan.wireless.bearing import BearingConfig, estimate_bearings
@@ -17,24 +20,41 @@ from mulan.wireless.ranging import thin_ranges
 from mulan.wireless.types import Bearing, Range
 
 
-def _trajectories(
-    robots: Sequence[RobotLog], graph: LocalizationGraph, solution: Solution
-) -> Mapping[str, PosedTrajectory]:
-    marginals = GraphCovariances(solution.graph, solution.values, solution.other_modes)
-    trajectories = {}
-    for robot in robots:
-        photo_s = robot.photo_time_s
-        keyframes = graph.robots[robot.name]
-        keys = [graph.key(robot.name, keyframes.nearest(t)) for t in photo_s]
-        poses = [solution.values.atPose3(key).matrix() for key in keys]
-        covariance = [marginals.covariance(key) for key in keys]
-        trajectories[robot.name] = PosedTrajectory(
-            robot.name,
-            photo_s,
-            np.array(poses, dtype=float).reshape(-1, 4, 4),
+class _TeamPoses:
+    """Every placed robot's pose at any instant."""
+
+    def __init__(
+        self, robots: Sequence[RobotLog], learned: LearnedOdometry, config: LocalizationConfig
+    ) -> None:
+        self._logs = {robot.name: robot for robot in robots}
+        self._learned, self._config = learned, config
+        graph, values = learned.graph, learned.solution.values
+        self.T_world_keyframe: dict[str, Float[NDArray, "n 4 4"]] = {
+            name: np.array(
+                [values.atPose3(graph.key(name, i)).matrix() for i in range(len(keyframes.time_s))]
+            )
+            for name, keyframes in graph.robots.items()
+        }
+
+    def at(self, name: str, time_s: float) -> Between:
+        return pose_between(
+            self._logs[name],
+            self._learned.graph.robots[name],
+            self.T_world_keyframe[name],
+            time_s,
+            self._config,
+        )
+
+    def trajectory(self, name: str, time_s: Float[NDArray, "n"]) -> PosedTrajectory:
+        joint = self._learned.marginals.joint
+        poses = [self.at(name, float(t)) for t in time_s]
+        covariance = [pose.covariance(lambda indices: joint([(name, i) for i in indices])) for pose in poses]
+        return PosedTrajectory(
+            name,
+            time_s,
+            np.array([pose.T_world_body for pose in poses], dtype=float).reshape(-1, 4, 4),
             np.array(covariance, dtype=float).reshape(-1, 6, 6),
         )
-    return trajectories
 
 
 def localize_from_measurements(
@@ -46,26 +66,33 @@ def localize_from_measurements(
 ) -> Localization:
     """Poses from bearings and ranges already at hand; the first robot is the anchor.
 
+    Robots that cannot be placed yet are listed in the result with what they lack; the others are solved
+    without them.
+
     Raises:
-        InputError: A robot cannot be placed, or its photographs lie outside its odometry.
+        InputError: A robot's photographs lie outside its odometry.
     """
-    start = initial_alignment(
-        robots, bearings, ranges, config.initialization, config.gravity_aligned, config.common_floor_sigma_m
-    )
-    graph = build_graph(robots, bearings, ranges, config)
-    solution = solve_graph(graph, graph.initial(start), progress)
-    T_world_odom = {}
-    for name, keyframes in graph.robots.items():
-        first = solution.values.atPose3(graph.key(name, 0)).matrix()
-        T_world_odom[name] = first @ se3.inverse(keyframes.T_odom_body[0])
+    trusted = solve_trusting(robots, bearings, ranges, config, progress)
+    placed = [robot for robot in robots if robot.name in trusted.graph.robots]
+    learned = learn_odometry(placed, trusted.graph, trusted.solution)
+    poses = _TeamPoses(placed, learned, config)
+    bearing_inlier = np.zeros(len(trusted.bearings))
+    bearing_inlier[trusted.is_kept] = learned.solution.bearing_inlier
     return Localization(
         anchor=robots[0].name,
-        trajectories=_trajectories(robots, graph, solution),
-        T_world_odom=T_world_odom,
-        bearings=tuple(bearings),
-        bearing_inlier=solution.bearing_inlier,
-        ranges=tuple(ranges),
-        cost=solution.cost,
+        trajectories={robot.name: poses.trajectory(robot.name, robot.photo_time_s) for robot in placed},
+        T_world_odom={
+            name: poses.T_world_keyframe[name][0] @ se3.inverse(keyframes.T_odom_body[0])
+            for name, keyframes in learned.graph.robots.items()
+        },
+        bearings=trusted.bearings,
+        bearing_inlier=bearing_inlier,
+        ranges=trusted.ranges,
+        cost=learned.solution.cost,
+        undetermined=trusted.undetermined,
+        suspects=trusted.suspects,
+        relative_poses=relative_poses(placed, trusted.bearings, poses.at, learned.marginals.joint),
+        odometry=learned.corrections,
     )
 
 
@@ -84,7 +111,8 @@ def localize(
         progress: Called with (done, total, what).
 
     Raises:
-        InputError: A recording is unusable or a robot cannot be placed; says which and why.
+        InputError: A recording is unusable; says which and why. Robots that cannot be placed are no error:
+            they are listed in the result.
     """
     if not mission.robots:
         raise InputError("mission", "robots", "there are none", "record at least one robot")

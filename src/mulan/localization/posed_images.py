@@ -36,7 +36,7 @@ def localized_images(
     T_world_truth: Float[NDArray, "4 4"] | None,
     hold_out_every: int = 8,
 ) -> PosedImageSet:
-    """Every robot's photographs at their estimated camera poses, with covariance.
+    """Every placed robot's photographs at their estimated camera poses, with covariance.
 
     Args:
         mission: What was recorded.
@@ -51,7 +51,9 @@ def localized_images(
     test = list(held_out_images(mission, files, T_world_truth)) if T_world_truth is not None else []
     own_test = bool(test)
     for robot in mission.robots:
-        trajectory = localization.trajectories[robot.name]
+        trajectory = localization.trajectories.get(robot.name)
+        if trajectory is None:
+            continue
         T_world_camera = trajectory.T_world_body @ robot.T_body_camera
         covariance = se3.covariance_of_composition(
             np.broadcast_to(robot.T_body_camera, T_world_camera.shape), trajectory.covariance

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from mulan.geometry import se3
 from mulan.localization.accuracy import accuracy, true_poses, world_from_truth
 from mulan.localization.factors import level_direction
+from mulan.localization.picture import draw_localization
 from mulan.localization.relative_measurements import bearing_origin
 from mulan.localization.types import Localization
 from mulan.mission.run_folder import RunFolder, write_json
@@ -152,9 +153,10 @@ def localization_record(localization: Localization, mission: Mission) -> dict[st
     """Everything ``localization.json`` holds."""
     T_world_truth = world_from_truth(mission)
     measured = accuracy(localization, mission)
+    placed = [robot for robot in mission.robots if robot.name in localization.trajectories]
     return {
         "anchor": localization.anchor,
-        "robots": {robot.name: _robot_entry(localization, robot, T_world_truth) for robot in mission.robots},
+        "robots": {robot.name: _robot_entry(localization, robot, T_world_truth) for robot in placed},
         "bearings": [
             _bearing_entry(bearing, float(inlier), localization, mission, T_world_truth)
             for bearing, inlier in zip(localization.bearings, localization.bearing_inlier, strict=True)
@@ -162,17 +164,43 @@ def localization_record(localization: Localization, mission: Mission) -> dict[st
         "ranges": len(localization.ranges),
         "profile": _profile_entry(localization, mission, T_world_truth),
         "accuracy": None if measured is None else {name: asdict(value) for name, value in measured.items()},
+        "undetermined": [asdict(robot) for robot in localization.undetermined],
+        "suspects": [asdict(suspect) for suspect in localization.suspects],
+        "odometry": {name: asdict(learned) for name, learned in localization.odometry.items()},
     }
 
 
+def relative_record(localization: Localization) -> list[dict[str, Any]]:
+    """Everything ``relative_poses.json`` holds: of every pair the peer's body in the robot's body frame."""
+    return [
+        {
+            "robot": pose.robot,
+            "peer": pose.peer,
+            "time_s": pose.time_s,
+            "peer_time_s": pose.peer_time_s,
+            "T_robot_peer": _listed(pose.T_robot_peer, 9),
+            "covariance": pose.covariance.tolist(),
+        }
+        for pose in localization.relative_poses
+    ]
+
+
 def write_localization(localization: Localization, mission: Mission, run: RunFolder) -> None:
-    """Write ``localization.json``, ``poses/<robot>.tum`` (bodies) and ``poses/<robot>.json`` (cameras).
+    """Write what was concluded, a picture of it, and the poses of every placed robot.
+
+    ``localization.json`` and ``.png``, ``relative_poses.json``, ``poses/<robot>.tum`` (bodies) and
+    ``poses/<robot>.json`` (cameras). Poses that an earlier localization left of a robot not placed any more
+    are removed.
 
     Raises:
         InputError: The disk is full or the folder cannot be written.
     """
     for robot in mission.robots:
-        trajectory = localization.trajectories[robot.name]
+        trajectory = localization.trajectories.get(robot.name)
+        if trajectory is None:
+            for kind in ("tum", "json"):
+                (run.poses / f"{robot.name}.{kind}").unlink(missing_ok=True)
+            continue
         write_tum(PoseTrack(trajectory.time_s, trajectory.T_world_body), run.poses / f"{robot.name}.tum")
         T_body_camera = np.broadcast_to(robot.T_body_camera, trajectory.T_world_body.shape)
         cameras = {
@@ -181,4 +209,7 @@ def write_localization(localization: Localization, mission: Mission, run: RunFol
             "covariance": se3.covariance_of_composition(T_body_camera, trajectory.covariance).tolist(),
         }
         write_json(run.poses / f"{robot.name}.json", cameras)
-    write_json(run.localization, localization_record(localization, mission))
+    write_json(run.relative_poses, relative_record(localization))
+    record = localization_record(localization, mission)
+    write_json(run.localization, record)
+    draw_localization(record, run.localization.with_suffix(".png"))

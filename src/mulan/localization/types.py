@@ -1,11 +1,14 @@
 """Where every robot was, in one frame, and how well that is known."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from jaxtyping import Float
 from numpy.typing import NDArray
 
+from mulan.localization.information import Undetermined
+from mulan.localization.lies import Suspect
+from mulan.localization.odometry_correction import OdometryCorrection
 from mulan.wireless.types import Bearing, Range
 
 
@@ -27,6 +30,27 @@ class PosedTrajectory:
 
 
 @dataclass(frozen=True)
+class RelativePose:
+    """One robot's body as another's sees it, with what the graph knows of both together.
+
+    Attributes:
+        robot, peer: Names.
+        time_s: Instant on the robot's clock.
+        peer_time_s: The same instant on the peer's clock.
+        T_robot_peer: The peer's body pose in the robot's body frame.
+        covariance: Of that pose (right perturbation; rotation rad, translation m). What both owe to the same
+            measurements cancels, so it is not the sum of their covariances in the world.
+    """
+
+    robot: str
+    peer: str
+    time_s: float
+    peer_time_s: float
+    T_robot_peer: Float[NDArray, "4 4"]
+    covariance: Float[NDArray, "6 6"]
+
+
+@dataclass(frozen=True)
 class Localization:
     """Everything the factor graph concluded.
 
@@ -38,6 +62,10 @@ class Localization:
         bearing_inlier: Probability after optimisation that each bearing was right.
         ranges: Ranges used.
         cost: Final graph error.
+        undetermined: Robots that could not be placed; they have no trajectory.
+        suspects: Robots whose measurements were set aside as a whole, the surest first.
+        relative_poses: Of every pair of placed robots, at instants spread over the mission, the last its end.
+        odometry: What was learned about each robot's odometry.
     """
 
     anchor: str
@@ -47,3 +75,25 @@ class Localization:
     bearing_inlier: Float[NDArray, "m"]
     ranges: tuple[Range, ...]
     cost: float
+    undetermined: tuple[Undetermined, ...] = ()
+    suspects: tuple[Suspect, ...] = ()
+    relative_poses: tuple[RelativePose, ...] = ()
+    odometry: Mapping[str, OdometryCorrection] = field(default_factory=dict)
+
+    def require_any_placed(self) -> None:
+        """Nothing to do if a robot beside the anchor was placed, or there is only the anchor.
+
+        Raises:
+            InputError: Says what the first undetermined robot lacks.
+        """
+        if len(self.trajectories) < 2 and self.undetermined:
+            raise self.undetermined[0].error()
+
+    def require_all_placed(self) -> None:
+        """Nothing to do if every robot was placed.
+
+        Raises:
+            InputError: Says what the first undetermined robot lacks.
+        """
+        if self.undetermined:
+            raise self.undetermined[0].error()

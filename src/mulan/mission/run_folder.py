@@ -83,6 +83,11 @@ class RunFolder:
         return self.root / "poses"
 
     @property
+    def relative_poses(self) -> Path:
+        """Every pair of robots in each other's frames, with covariance."""
+        return self.root / "relative_poses.json"
+
+    @property
     def transforms(self) -> Path:
         """The posed image set reconstruction learns from (nerfstudio format)."""
         return self.root / "transforms.json"

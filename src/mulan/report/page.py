@@ -20,6 +20,7 @@ from mulan.report.sections import (
     setups,
     summary,
     training,
+    trust,
     whereabouts,
 )
 
@@ -35,6 +36,7 @@ _SECTIONS: tuple[tuple[Callable[[RunContents], Section | None], str], ...] = (
     (training.section, "history.json"),
     (whereabouts.section, "localization.json"),
     (accuracy.section, "localization.json"),
+    (trust.section, "localization.json"),
     (aoa.section, "localization.json"),
     (bearing_errors.section, "localization.json"),
     (proposed_views.section, "plan.json"),
