@@ -40,6 +40,12 @@ class OnlineEvaluationConfig:
     """Its mission: the window is full after a minute, so that more would only repeat it."""
     scheduling_hours: float = 0.25
     """Mission on which apertures by the clock and by need are compared."""
+    scheduling: SchedulingConfig = field(
+        default_factory=lambda: SchedulingConfig(
+            position_goal_m=0.08, heading_goal_deg=1.0, least_gain_nats=0.3, most=2
+        )
+    )
+    """Goals of apertures by need: about what the clock reaches."""
     team: OnlineTeamConfig = field(default_factory=OnlineTeamConfig)
     """Motion, radio and noise of both."""
     online: OnlineConfig = field(default_factory=OnlineConfig)
@@ -121,7 +127,7 @@ def _compare_schedules(config: OnlineEvaluationConfig, progress: Progress | None
     """Apertures by a ten-second clock against apertures by need, robots that drive and rest by turns."""
     team = replace(config.team, hours=config.scheduling_hours, rest_s=60.0)
     clock = run_team(config.seed, team, config.online, progress=progress)
-    need = run_team(config.seed, team, config.online, SchedulingConfig(), progress=progress)
+    need = run_team(config.seed, team, config.online, config.scheduling, progress=progress)
     return {
         "hours": config.scheduling_hours,
         "clock": {"apertures": clock.apertures, "rms_m": clock.rms_m},
