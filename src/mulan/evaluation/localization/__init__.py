@@ -1,0 +1,1 @@
+"""Localization against what is possible: simulated cases beside bounds, real recordings, online."""
