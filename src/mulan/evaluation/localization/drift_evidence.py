@@ -1,7 +1,8 @@
 """How much odometry drifts, told by the radio alone: the noise under which the measurements are likeliest.
 
 The graph's poses are integrated out (Laplace's approximation), as in type-II maximum likelihood; no truth is
-used. Too little noise leaves large residuals, too much leaves the poses undetermined.
+used. Too little noise leaves large residuals, too much leaves the poses undetermined. A broad prior about the
+configured noise decides what the radio cannot tell (turning from sliding, on short flights).
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,16 +23,17 @@ from mulan.localization.solve import Solution
 from mulan.mission.types import RobotLog
 
 _LEAST_TRUST = 0.02
-_FACTORS = (4.0, 2.0, 1.4)
+_FACTORS = (2.0, 1.4)
+_PRIOR_LOG_SIGMA = np.log(2.0)  # odometry of one kind differs by such a factor
 
 
 @dataclass(frozen=True)
 class DriftEvidence:
-    """The likeliest drift.
+    """The drift most probable given the radio.
 
     Attributes:
         noise: Odometry noise of all robots.
-        log_evidence: Of every (rotation, translation) tried, up to a constant.
+        log_evidence: Of every (rotation, translation) tried, up to a constant and without the prior.
     """
 
     noise: OdometryNoise
@@ -81,7 +83,7 @@ def log_evidence(
 def likeliest_drift(
     graph: LocalizationGraph, robots: Sequence[RobotLog], solution: Solution, config: LocalizationConfig
 ) -> DriftEvidence:
-    """Rotation and translation noise by pattern search in factors, coarse to fine."""
+    """Rotation and translation noise by pattern search in factors, coarse to fine, from the configured one."""
     measured, values = _measured(graph, solution), solution.values
     tried: dict[tuple[float, float], float] = {}
 
@@ -95,14 +97,19 @@ def likeliest_drift(
             tried[key], values = log_evidence(with_noise(graph, robots, noise, config), measured, values)
         return tried[key]
 
+    def posterior(point: tuple[float, float]) -> float:
+        off = np.log(np.array(point) / configured) / _PRIOR_LOG_SIGMA
+        return evidence(*point) - 0.5 * float(off @ off)
+
     noise = config.odometry_noise
     best = (noise.rotation_deg_per_sqrt_m, noise.translation_percent)
+    configured = np.array(best)
     for factor in _FACTORS:
         while True:
             around = [best]
             around += [(best[0] * f, best[1]) for f in (factor, 1 / factor)]
             around += [(best[0], best[1] * f) for f in (factor, 1 / factor)]
-            next_best = max(around, key=lambda point: evidence(*point))
+            next_best = max(around, key=posterior)
             if next_best == best:
                 break
             best = next_best

@@ -222,7 +222,8 @@ def run_team(
         "learned_drift": {
             "rotation_deg_per_sqrt_m": _median(runs, "rotation_deg_per_sqrt_m"),
             "translation_percent": _median(runs, "translation_percent"),
-            "rule": "likeliest under the radio measurements, poses integrated out; no truth is used",
+            "rule": "most probable given the radio measurements, poses integrated out, with a prior of a "
+            "factor of two about the configured noise; no truth is used",
         },
         "bearings": int(_median(runs, "bearings")),
         "ranges": int(_median(runs, "ranges")),
