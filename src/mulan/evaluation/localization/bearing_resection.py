@@ -1,4 +1,4 @@
-"""Where a robot is from bearings to radios of known place: the posterior over the plane, mixtures kept whole."""
+"""Where a robot is from bearings to radios of known place: a posterior over the plane."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -28,7 +28,7 @@ class ResectionConfig:
 
 @dataclass(frozen=True)
 class SeenRadio:
-    """One bearing's azimuths in the robot's odometry axes, from a point of its path, to a radio of known place.
+    """One bearing's azimuths in the odometry's axes, from a point of the path, to a radio of known place.
 
     Attributes:
         mixture: Over the azimuth; its sigmas hold the odometry frame's turn.

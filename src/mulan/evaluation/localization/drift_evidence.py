@@ -83,7 +83,7 @@ def log_evidence(
 def likeliest_drift(
     graph: LocalizationGraph, robots: Sequence[RobotLog], solution: Solution, config: LocalizationConfig
 ) -> DriftEvidence:
-    """Rotation and translation noise by pattern search in factors, coarse to fine, from the configured one."""
+    """Rotation and translation noise by pattern search in factors, from the configured one."""
     measured, values = _measured(graph, solution), solution.values
     tried: dict[tuple[float, float], float] = {}
 

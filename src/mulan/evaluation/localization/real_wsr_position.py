@@ -36,8 +36,8 @@ from mulan.wireless.recordings.wsr import WsrRun, read_wsr_run
 
 HEADING = (
     "The robot was set down along the motion-capture axes and its odometry starts with heading zero. The "
-    "authors' toolbox takes that heading as right and compares azimuths directly; here it is a prior with the "
-    "sigma found on LOS_Set_A, and integrated out"
+    "authors' toolbox takes that heading as right and compares azimuths directly; here it is a prior with "
+    "the sigma found on LOS_Set_A, and integrated out"
 )
 _FRAME_SIGMA_RAD = {
     DisplacementSource.T265: T265_FRAME_YAW_SIGMA_RAD,
