@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mulan.errors import InputError
 from mulan.evaluation.localization.drawn_radio import DrawnRadioConfig, Instants, draw_radio
-from mulan.evaluation.localization.drift_evidence import likeliest_drift, with_noise
+from mulan.evaluation.localization.drift_evidence import likeliest_odometry
 from mulan.evaluation.localization.flight_picture import draw_flights
 from mulan.evaluation.localization.flights import (
     Flight,
@@ -153,14 +153,14 @@ class TeamRun:
     ours: list[RelativeErrors]
     default_noise: list[RelativeErrors]
     paper: list[RelativeErrors]
-    rotation_deg_per_sqrt_m: float
     translation_percent: float
+    scale: Mapping[str, float]
     bearings: int
     ranges: int
 
 
 def run_once(team: Team, seed: int, config: EurocConfig) -> TeamRun:
-    """Draw the radio, localise, learn the drift from the graph, localise again."""
+    """Draw the radio, localise, learn drift and scales from the graph, localise again."""
     bearings, ranges = draw_radio(
         np.random.default_rng(seed), team.robots, team.bearing_s, team.range_s, config.radio
     )
@@ -169,11 +169,10 @@ def run_once(team: Team, seed: int, config: EurocConfig) -> TeamRun:
     start = initial_alignment(robots, bearings, ranges, options.initialization)
     graph = build_graph(robots, bearings, ranges, options)
     first = solve_graph(graph, graph.initial(start))
-    drift = likeliest_drift(graph, robots, first, options)
-    learned = with_noise(graph, robots, drift.noise, options)
-    second = solve_graph(learned, first.values)
+    odometry = likeliest_odometry(robots, bearings, ranges, first, options)
+    second = solve_graph(odometry.graph, odometry.values)
     errors: list[list[RelativeErrors]] = []
-    for joined, solution in ((learned, second), (graph, first)):
+    for joined, solution in ((odometry.graph, second), (graph, first)):
         marginals = gtsam.Marginals(solution.graph, solution.values)
         scored = []
         for pair, times in team.score_s.items():
@@ -184,8 +183,8 @@ def run_once(team: Team, seed: int, config: EurocConfig) -> TeamRun:
         errors[0],
         errors[1],
         papers_scheme(team, bearings, ranges),
-        drift.noise.rotation_deg_per_sqrt_m,
-        drift.noise.translation_percent,
+        odometry.config.odometry_noise.translation_percent,
+        odometry.scale,
         len(bearings),
         len(ranges),
     )
@@ -220,10 +219,11 @@ def run_team(
         "with_default_drift": figures([e for run in runs for e in run.default_noise]),
         "odometry_alone_best_aligned": figures(aligned),
         "learned_drift": {
-            "rotation_deg_per_sqrt_m": _median(runs, "rotation_deg_per_sqrt_m"),
             "translation_percent": _median(runs, "translation_percent"),
-            "rule": "most probable given the radio measurements, poses integrated out, with a prior of a "
-            "factor of two about the configured noise; no truth is used",
+            "scale": {name: float(np.median([run.scale[name] for run in runs])) for name in sequences},
+            "rotation_deg_per_sqrt_m": config.localization.odometry_noise.rotation_deg_per_sqrt_m,
+            "rule": "position drift and scales most probable given the radio, poses integrated out; rotation "
+            "drift as configured; no truth is used",
         },
         "bearings": int(_median(runs, "bearings")),
         "ranges": int(_median(runs, "ranges")),

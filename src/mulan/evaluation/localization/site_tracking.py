@@ -103,7 +103,7 @@ def placed(
         antennas: Fixed ones and the robot's.
         ranges: To fixed antennas only.
         T_odom_body: The robot's dead reckoning at each range's time.
-        near: A guess; without one many headings are tried from the middle of the fixed antennas.
+        near: A guess of the place; without one starts lie around the fixed antennas, at many headings.
     """
     fixed, moving, measured = [], [], []
     for r in ranges:
@@ -117,11 +117,11 @@ def placed(
     def residual(x: Float[NDArray, "3"]) -> Float[NDArray, "n"]:
         return np.linalg.norm(se3.transform(planar(*x), odom) - at, axis=1) - range_m
 
-    starts = [near] if near is not None else []
+    headings = np.linspace(-np.pi, np.pi, _HEADINGS, endpoint=False)
+    starts = [] if near is None else [near, *(np.array([near[0], near[1], yaw]) for yaw in headings[::2])]
     if near is None:
         middle, spread = at[:, :2].mean(0), at[:, :2].std(0).max()
         offsets = spread * np.array([[0.0, 0.0], [1, 0], [-1, 0], [0, 1], [0, -1]])
-        headings = np.linspace(-np.pi, np.pi, _HEADINGS, endpoint=False)
         starts = [np.array([*(middle + offset), yaw]) for offset in offsets for yaw in headings]
     found = [
         least_squares(residual, start, loss="soft_l1", f_scale=_ROBUST_M, max_nfev=40) for start in starts
