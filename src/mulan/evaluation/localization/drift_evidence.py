@@ -116,7 +116,7 @@ def likeliest_odometry(
     solution: Solution,
     config: LocalizationConfig,
 ) -> LikeliestOdometry:
-    """Position drift and scales most probable given the radio; which measurements to trust is a solution's."""
+    """Position drift and scales most probable given the radio measurements that a solution trusts."""
     values = solution.values
     begin = np.array([np.log(config.odometry_noise.translation_percent), *np.ones(len(robots))])
 

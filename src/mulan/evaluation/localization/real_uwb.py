@@ -47,7 +47,7 @@ def run_uwb_murp(
     picture: Path | None = None,
     trials: tuple[str, ...] | None = None,
 ) -> dict[str, Any]:
-    """Agents 2 and 3 in agent 1's axes, by ranges alone; ``trials`` picks some. Else as ``run_uwb_planar``."""
+    """Agents 2 and 3 in agent 1's axes, by ranges alone; ``trials`` picks some, the rest as above."""
     calibrated, plain, misfit_m = murp_tracks(data, config or SiteTrackConfig(), trials)
     everything = [t for tracks in calibrated.values() for t in tracks]
     if picture is not None:

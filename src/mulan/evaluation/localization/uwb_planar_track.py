@@ -49,8 +49,10 @@ class SiteTrackConfig:
     """Its turning, radians after one second."""
     fit: RangeFitConfig = field(default_factory=RangeFitConfig)
     """How error laws are fitted to the training part."""
-    localization: LocalizationConfig = field(default_factory=LocalizationConfig)
-    """Graph options."""
+    localization: LocalizationConfig = field(
+        default_factory=lambda: LocalizationConfig(common_floor_sigma_m=0.02)
+    )
+    """Graph options; the robots roll on one floor, which level antennas cannot see."""
 
 
 def as_logs(samples: RangeSamples, sigma_m: float) -> list[RobotLog]:
