@@ -8,9 +8,9 @@ import torch
 from mulan.geometry import se3
 from mulan.radiance.space import SceneSpace
 from mulan.reconstruction.captured_image import load_captured
+from mulan.reconstruction.paper_weights import PaperCorrectedWeights, PaperWeights
 from mulan.reconstruction.weights import (
     NoWeights,
-    PaperWeights,
     UncertaintyWeights,
     local_variance,
     projected_sigma_px,
@@ -55,6 +55,32 @@ def test_paper_ellipse_takes_the_covariance_to_the_worlds_axes(image):
     gamma = PaperWeights().gamma(replace(image, posed=replace(image.posed, pose_covariance=covariance)))
     up = image.T_world_camera[:3, 1]
     assert gamma == pytest.approx(-2 * math.log(0.05) * math.pi * abs(up[0] * up[1]))
+
+
+def test_corrected_paper_weight_falls_from_one_with_the_area_of_the_ellipse(image):
+    weighting = PaperCorrectedWeights(gamma_0_m2=0.1)
+    assert weighting.weight_map(image, SPACE)[0, 0].item() == 1
+    gamma = -2 * math.log(1 - 0.95) * math.pi * 0.05 * 0.05
+    weight = weighting.weight_map(with_sigma(image, 0.05), SPACE)
+    torch.testing.assert_close(weight, torch.full((24, 24), 2 / (1 + math.exp(gamma / 0.1))))
+    assert weighting.weight_map(with_sigma(image, 3.0), SPACE)[0, 0].item() < 1e-6
+
+
+@pytest.mark.parametrize("spatial", [False, True])
+def test_corrected_ellipse_does_not_depend_on_where_the_world_axes_point(image, spatial):
+    covariance = np.diag([0, 0, 0, 0.01, 0.25, 0.04])
+    image = replace(image, posed=replace(image.posed, pose_covariance=covariance))
+    turn = se3.exp(np.array([0, 0, math.pi / 4, 0, 0, 0]))
+    turned = replace(image, posed=replace(image.posed, T_world_camera=turn @ image.T_world_camera))
+    corrected = PaperCorrectedWeights(spatial=spatial)
+    assert corrected.gamma(turned) == pytest.approx(corrected.gamma(image))
+    assert PaperWeights().gamma(turned) != pytest.approx(PaperWeights().gamma(image), rel=0.05)
+
+
+def test_a_ball_of_uncertainty_has_the_area_of_its_own_disc(image):
+    k_squared = 7.814728  # 95 % quantile of chi-squared with three degrees of freedom
+    gamma = PaperCorrectedWeights(spatial=True).gamma(with_sigma(image, 0.2))
+    assert gamma == pytest.approx(k_squared * math.pi * 0.04)
 
 
 def test_uncertainty_weights_fall_with_pose_sigma_and_trust_exact_poses_fully(image):

@@ -13,6 +13,7 @@ from mulan.cli import (
     evaluate_aoa_metric,
     evaluate_aoa_simulation,
     evaluate_engine,
+    evaluate_table1,
     evaluate_uwb,
 )
 from mulan.cli.progress import console, progress_stages
@@ -36,6 +37,7 @@ EXPERIMENTS = {
     "aoa-metric": "The paper's two figures of its AoA metric, beside our sigma on the same trials.",
     "aoa-simulation": "Bearings from simulated links, against theory and the paper's metric.",
     "engine": "Quality against training time, throughput and memory, beside torch and the peers.",
+    "table1": "The paper's first table: two robots, noisy poses, its setups beside ours.",
     "two-robot": "True poses, wireless poses, wireless poses with weights, on one mission.",
     "uwb": "Likelihood and coverage of calibrated UWB ranges on held-out recordings.",
 }
@@ -45,6 +47,7 @@ _OF_THEIR_OWN = {
     "aoa-metric": evaluate_aoa_metric.main,
     "aoa-simulation": evaluate_aoa_simulation.main,
     "engine": evaluate_engine.main,
+    "table1": evaluate_table1.main,
     "uwb": evaluate_uwb.main,
 }
 

@@ -14,11 +14,12 @@ from mulan.mission.image_sets import read_posed_images
 from mulan.mission.nerfstudio import read_transforms, write_transforms
 from mulan.mission.posed_images import PosedImageSet
 from mulan.mission.run_folder import RunFolder
+from mulan.reconstruction.paper_weights import PaperCorrectedWeights, PaperWeights
 from mulan.reconstruction.process_group import ProcessGroup, processes_of_torchrun
 from mulan.reconstruction.reconstruct import reconstruct
 from mulan.reconstruction.torchrun import is_leader
 from mulan.reconstruction.train_config import TrainConfig
-from mulan.reconstruction.weights import NoWeights, PaperWeights, UncertaintyWeights, Weighting
+from mulan.reconstruction.weights import NoWeights, UncertaintyWeights, Weighting
 
 
 @dataclass(frozen=True)
@@ -34,21 +35,24 @@ class Options:
     """Posed image set of your own: a folder or transforms.json (Blender, nerfstudio, instant-ngp)."""
     hold_out_every: int = 8
     """With --data: every n-th image becomes a test view where the set names none; 0 holds out none."""
-    weighting: Literal["none", "paper", "uncertainty"] = "uncertainty"
-    """Trust in each pixel: equal, the paper's formula as printed, or what its pose covariance deserves."""
+    weighting: Literal["none", "paper", "paper-corrected", "uncertainty"] = "uncertainty"
+    """Trust in each pixel: equal, the paper's formula as printed or with its sign and ellipse put right, or
+    what its pose covariance deserves."""
     config: tyro.conf.AvoidSubcommands[tyro.conf.OmitArgPrefixes[TrainConfig]] = field(
         default_factory=TrainConfig
     )
     """Training options."""
 
 
-def weighting_named(name: Literal["none", "paper", "uncertainty"]) -> Weighting:
+def weighting_named(name: Literal["none", "paper", "paper-corrected", "uncertainty"]) -> Weighting:
     """The weighting a command line word stands for."""
     match name:
         case "none":
             return NoWeights()
         case "paper":
             return PaperWeights()
+        case "paper-corrected":
+            return PaperCorrectedWeights()
         case "uncertainty":
             return UncertaintyWeights()
 

@@ -85,6 +85,8 @@ def fingerprint(images: PosedImageSet, weighting: Weighting, config: TrainConfig
     digest = hashlib.sha256(f"{weighting} {json.dumps(config.what_is_learnt(), sort_keys=True)}".encode())
     for image in (*images.train, *images.test):
         digest.update(_image_bytes(image))
+    if images.joint_pose_covariance is not None:
+        digest.update(images.joint_pose_covariance.tobytes())
     return digest.hexdigest()[:16]
 
 

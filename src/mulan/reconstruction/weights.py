@@ -45,34 +45,6 @@ class NoWeights(Weighting):
 
 
 @dataclass(frozen=True)
-class PaperWeights(Weighting):
-    """The paper's equation as printed: ``SIGMOID(γ)``, ``γ = k² π a b``, ``k = √(-2 log(1-CI))``.
-
-    a and b are the standard deviations of the camera's position along the world's x and y axes, in metres,
-    which is what the printed a², b² are (row 8 of the reading notes). The weight **rises** with uncertainty,
-    from 1/2 for an exact pose towards 1, against the paper's own text (row 12), and depends on the unit of
-    length; it is here to be reproduced and compared.
-    """
-
-    confidence: float = 0.95
-    """CI, the probability inside the error ellipse."""
-
-    def gamma(self, image: CapturedImage) -> float:
-        """Area of the horizontal error ellipse [m²]; 0 for an exact pose."""
-        covariance = image.posed.pose_covariance
-        if covariance is None:
-            return 0.0
-        R = image.T_world_camera[:3, :3]
-        position = R @ covariance[3:, 3:] @ R.T
-        k_squared = -2 * math.log(1 - self.confidence)
-        return k_squared * math.pi * math.sqrt(position[0, 0] * position[1, 1])
-
-    def weight_map(self, image: CapturedImage, space: SceneSpace) -> Float[Tensor, "h w"]:  # noqa: ARG002
-        """One number for the whole image (row 13: its own covariance, not its robot's)."""
-        return torch.full(image.colour.shape[:2], 1 / (1 + math.exp(-self.gamma(image))))
-
-
-@dataclass(frozen=True)
 class UncertaintyWeights(Weighting):
     """Inverse variance of the colour a pixel would take if its camera stood elsewhere: ``s₀²/(s₀² + v)``.
 
