@@ -83,10 +83,10 @@ def _finished(run: RunFolder, made_from: str) -> dict[str, Any] | None:
 def fingerprint(images: PosedImageSet, weighting: Weighting, config: TrainConfig) -> str:
     """A digest of everything a reconstruction depends on: image files, poses, covariances, options."""
     digest = hashlib.sha256(f"{weighting} {json.dumps(config.what_is_learnt(), sort_keys=True)}".encode())
-    for image in (*images.train, *images.test):
-        digest.update(_image_bytes(image))
     if images.joint_pose_covariance is not None:
         digest.update(images.joint_pose_covariance.tobytes())
+    for image in (*images.train, *images.test):
+        digest.update(_image_bytes(image))
     return digest.hexdigest()[:16]
 
 

@@ -77,7 +77,7 @@ def test_moving_the_whole_map_costs_raw_quality_but_none_once_aligned(tmp_path):
 
 def test_unknown_setups_and_no_seeds_are_one_sentence(tmp_path):
     images = cube_images(tmp_path, train=12, test=1)
-    with pytest.raises(InputError, match="setup 'D'.*choose from A, B"):
+    with pytest.raises(InputError, match=r"setup 'D'.*choose from A, B"):
         run_table(images, tmp_path / "out", only=("D",))
     with pytest.raises(InputError, match="--seeds"):
         table1(PaperSource(images), Table1Config(0), RunFolder(tmp_path), lambda _: lambda *_: None, print)
