@@ -1,5 +1,6 @@
 """One setup of one seed: learnt, scored, kept."""
 
+import hashlib
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -29,7 +30,9 @@ NEEDED_TO_ALIGN = 3  # cameras
 def made_from(setup: Setup, team: Team, config: TrainConfig) -> str:
     """A digest of everything a setup's figures depend on."""
     digest = fingerprint(setup.images(team), setup.weighting, config)
-    return f"{digest} {refinement_options()}".strip() if setup.refines else digest
+    if setup.refines:
+        digest += f"-{hashlib.sha256(refinement_options().encode()).hexdigest()[:8]}"
+    return digest
 
 
 def finished_setup(setup: Setup, team: Team, config: TrainConfig, run: RunFolder) -> dict[str, Any] | None:
@@ -67,13 +70,8 @@ def trained_setup(
         InputError: See :func:`mulan.reconstruction.trainer.train`.
     """
     run.check_writable()
-    images = setup.images(team)
-
-    def follow(status: TrainingStatus) -> None:
-        progress(status.fraction_done, 1, f"train {status.train_psnr_db:.1f} dB, {status.steps} steps")
-
     began = time.perf_counter()
-    training, ended_with = _learn(setup, images, config, run, follow)
+    training, ended_with, registration_s = _learn(setup, setup.images(team), config, run, progress)
     wall_s = time.perf_counter() - began
     progress(1, 1, "rendering held-out views")
     write_transforms(ended_with, run.transforms)
@@ -81,7 +79,7 @@ def trained_setup(
     figures = {
         **evaluate_held_out(training.engine, training.test, run, sub_pixels=sub_pixels, judges=judges),
         **camera_errors(team, ended_with),
-        "train_seconds": training.seconds,
+        "train_seconds": training.seconds + registration_s,
         "wall_seconds": wall_s,
         "steps": training.steps,
         "made_from": made_from(setup, team, config),
@@ -92,12 +90,17 @@ def trained_setup(
 
 
 def _learn(
-    setup: Setup, images: PosedImageSet, config: TrainConfig, run: RunFolder, follow: Any
-) -> tuple[TrainingResult, PosedImageSet]:
+    setup: Setup, images: PosedImageSet, config: TrainConfig, run: RunFolder, progress: Progress
+) -> tuple[TrainingResult, PosedImageSet, float]:
+    """The field, the poses it ended with, and the seconds spent on poses before it was begun."""
     if setup.refines:
-        refined = train_refined(images, setup.weighting, config, run, follow)
-        return refined.training, refined.images
-    return train(images, setup.weighting, config, run, follow), images
+        refined = train_refined(images, setup.weighting, config, run, progress)
+        return refined.training, refined.images, refined.registration_seconds
+
+    def follow(status: TrainingStatus) -> None:
+        progress(status.fraction_done, 1, f"train {status.train_psnr_db:.1f} dB, {status.steps} steps")
+
+    return train(images, setup.weighting, config, run, follow), images, 0.0
 
 
 def aligned_psnr_db(
