@@ -1,26 +1,33 @@
 """``mulan evaluate table1``: the paper's first table, its setups beside ours."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import tyro
 from rich.table import Table
 from tyro.conf import EnumChoicesFromValues
 
 from mulan.cli.evaluate_engine import recordings
-from mulan.cli.progress import console, progress_stages
+from mulan.cli.progress import ReportProgress, console, progress_stages
+from mulan.errors import InputError
+from mulan.evaluation.table1.loop import LoopSource
 from mulan.evaluation.table1.pose_noise import RadioNoiseConfig, RigidNoiseConfig
 from mulan.evaluation.table1.protocol import BARS, TITLES, VIEWS, Table1Config, table1
+from mulan.evaluation.table1.real_radio import RealRadioSource
+from mulan.evaluation.table1.recorded_bearings import recorded_bearings
 from mulan.evaluation.table1.sources import Noise, PaperSource, TeamSource
 from mulan.evaluation.table1.team import Split
 from mulan.mission.image_sets import read_posed_images
 from mulan.mission.run_folder import RunFolder
 from mulan.radiance.backend import Device
 from mulan.reconstruction.train_config import TrainConfig
+from mulan.simulation.recording import SensorConfig
+from mulan.simulation.timeline import TourConfig
 
 QUICK_SIZE, QUICK_S = 100, 20.0
+WORKERS = 2
 
 
 @dataclass(frozen=True)
@@ -33,13 +40,16 @@ class Options:
     """Posed image set: a folder or transforms.json (Blender, nerfstudio, instant-ngp)."""
     hold_out_every: int = 8
     """Every n-th image becomes a test view where the set names none."""
+    protocol: Literal["paper", "loop", "real-radio"] = "paper"
+    """Where poses come from: a noisy range and bearing an image, as in the paper; simulated odometry, CSI and
+    UWB through localization; or a range and the bearing of a recorded link an image."""
     seeds: int = 5
     """Repetitions; each draws its own noise, split and field."""
     split: EnumChoicesFromValues[Split] = Split.AZIMUTH
     """Who takes which photograph: half of the directions each, half by lot, or 15 each."""
     noise: EnumChoicesFromValues[Noise] = Noise.EQUAL
-    """What is wrong with the second robot's poses: each image's own range and bearing, equally good; bearings
-    of 1° to 15°; one error of the whole robot; nothing."""
+    """With --protocol paper, what is wrong with the second robot's poses: each image's own range and bearing,
+    equally good; bearings of 1° to 15°; one error of the whole robot; nothing."""
     only: str = ""
     """Setups to learn, separated by commas; those finished earlier with the same options are shown too."""
     quick: bool = False
@@ -50,6 +60,14 @@ class Options:
     """Seconds of training for each setup; 180 if not given."""
     steps: int | None = None
     """Optimiser steps of each setup instead of seconds; makes the result repeatable bit for bit."""
+    links: Path = field(default_factory=lambda: recordings() / "wsr_aoa")
+    """With --protocol real-radio: folder of recorded links in the WSR layout."""
+    metres_per_unit: float = 1.0
+    """With --protocol loop: size of one unit of the set's poses."""
+    tour: TourConfig = field(default_factory=TourConfig)
+    """With --protocol loop: pace of the robots."""
+    sensors: SensorConfig = field(default_factory=SensorConfig)
+    """With --protocol loop: noise of odometry, WiFi and UWB."""
     radio: RadioNoiseConfig = field(default_factory=RadioNoiseConfig)
     """How good range and bearing are."""
     rigid: RigidNoiseConfig = field(default_factory=RigidNoiseConfig)
@@ -60,10 +78,26 @@ class Options:
     """Where to learn and render."""
 
 
-def source(options: Options) -> TeamSource:
-    """Where photographs and poses come from."""
+def source(options: Options, stage: Callable[[str], ReportProgress]) -> TeamSource:
+    """Where photographs and poses come from.
+
+    Raises:
+        InputError: The images or links cannot be read, or an option belongs to another protocol.
+    """
     images = read_posed_images(options.data, options.hold_out_every)
-    return PaperSource(images, options.split, options.noise, options.radio, options.rigid)
+    if options.protocol != "paper" and options.noise is not Noise.EQUAL:
+        raise InputError(
+            "--noise", options.noise.value, f"means nothing to --protocol {options.protocol}", "leave it out"
+        )
+    match options.protocol:
+        case "paper":
+            return PaperSource(images, options.split, options.noise, options.radio, options.rigid)
+        case "real-radio":
+            kept = options.out / "bearings.json"
+            links = recorded_bearings(options.links, kept, WORKERS, stage("Bearings of recorded links"))
+            return RealRadioSource(images, links, options.split, options.radio)
+        case "loop":
+            return LoopSource(images, options.split, options.metres_per_unit, options.tour, options.sensors)
 
 
 def table_config(options: Options) -> Table1Config:
@@ -122,7 +156,7 @@ def main(arguments: Sequence[str]) -> int:
     options = tyro.cli(Options, args=arguments, prog="mulan evaluate table1")
     run = RunFolder(options.out)
     with progress_stages() as stage:
-        metrics = table1(source(options), table_config(options), run, stage, console.print)
+        metrics = table1(source(options, stage), table_config(options), run, stage, console.print)
     run.record_config("evaluate table1", asdict(options))
     print_table(metrics)
     for figure, reason in metrics["unavailable"].items():
