@@ -39,7 +39,7 @@ def test_each_image_is_displaced_by_its_links_error_and_believes_its_links_sigma
             if believed.pose_covariance is not None
         ]
         error = [b.T_world_camera[:3, 3] - t.T_world_camera[:3, 3] for b, t in pairs]
-        believed = [np.trace(b.pose_covariance[3:, 3:]) for b, _ in pairs]
+        believed = [np.trace(np.asarray(b.pose_covariance)[3:, 3:]) for b, _ in pairs]
         rms[links[0].name] = np.sqrt(np.mean(np.square(error)) * 3), np.sqrt(np.mean(believed))
     assert rms["wrong"][0] > 10 * rms["sure"][0]
     assert rms["wrong"][1] > 10 * rms["sure"][1]
@@ -49,7 +49,7 @@ def test_a_localized_team_is_kept_and_read_back_exactly(tmp_path):
     images = cube_images(tmp_path, train=12, test=2, side=12)
     source = LoopSource(images, tour=TourConfig(rounds=2))
     team = source.team(0, RunFolder(tmp_path / "seed"), ignore)
-    assert {image.robot_id for image in team.true.train} == {"robot_a", "robot_b"} or len(team.true.train)
+    assert len({image.robot_id for image in team.true.train}) == 2
     for believed, true in zip(team.believed.train, team.true.train, strict=True):
         assert believed.path == true.path
         assert believed.pose_covariance is not None

@@ -53,15 +53,15 @@ class LoopSource(TeamSource):
         Raises:
             InputError: The set cannot be flown past, or a robot cannot be placed.
         """
-        files = {"true": run.root / "true.json", "believed": run.root / "believed.json"}
+        true, believed = run.root / "true.json", run.root / "believed.json"
         record, made_from = run.root / "team.json", self._made_from(seed)
-        if record.exists() and all(path.exists() for path in files.values()):
+        if record.exists() and true.exists() and believed.exists():
             kept = read_json(record, "mulan evaluate table1")
             if kept.get("made_from") == made_from:
-                return Team(*(read_transforms(path) for path in files.values()), kept["anchor"])
+                return Team(read_transforms(true), read_transforms(believed), kept["anchor"])
         team = self._localized(seed, run, progress)
-        write_transforms(team.true, files["true"])
-        write_transforms(team.believed, files["believed"])
+        write_transforms(team.true, true)
+        write_transforms(team.believed, believed)
         write_json(record, {"made_from": made_from, "anchor": team.anchor})
         return team
 
@@ -94,15 +94,8 @@ class LoopSource(TeamSource):
         )
 
     def _made_from(self, seed: int) -> str:
-        options = (
-            self.split,
-            self.metres_per_unit,
-            self.tour,
-            self.sensors,
-            self.localization,
-            self.bearings,
-        )
-        digest = hashlib.sha256(f"{seed} {options}".encode())
+        simulated = (self.split, self.metres_per_unit, self.tour, self.sensors)
+        digest = hashlib.sha256(f"{seed} {simulated} {self.localization} {self.bearings}".encode())
         for image in (*self.images.train, *self.images.test):
             digest.update(f"{_size(image.path)} {image.camera}".encode() + image.T_world_camera.tobytes())
         return digest.hexdigest()[:16]
