@@ -22,5 +22,6 @@ class FlipJudge:
             return {"flip": None}
         h, w = image.colour.shape[:2]
         colour = rendering.colour.view(h, w, 3).clamp(0, 1).numpy().astype(np.float32)
-        _, mean, _ = import_module("flip_evaluator").evaluate(image.colour_fraction, colour, "LDR")
+        evaluate = import_module("flip_evaluator").evaluate
+        _, mean, _ = evaluate(image.colour_fraction, colour, "LDR", applyMagma=False)
         return {"flip": float(mean)}
