@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -19,6 +19,7 @@ from mulan.reconstruction.posed_pixels import PosedPixels
 from mulan.reconstruction.sub_pixels import Renders
 
 
+@runtime_checkable
 class ViewJudge(Protocol):
     """Further figures of merit of one held-out view."""
 

@@ -39,7 +39,7 @@ def test_wireless_poses_cost_quality_and_the_table_says_how_much(tmp_path):
     metrics, said = run_table(images, tmp_path / "out")
     setups = metrics["setups"]
     assert list(setups) == ["A", "B", "alone"]
-    assert setups["A"]["psnr_db"]["mean"] > setups["B"]["psnr_db"]["mean"] + 2
+    assert setups["A"]["psnr_db"]["mean"] > setups["B"]["psnr_db"]["mean"] + 1
     assert setups["A"]["camera_rms_m"] == setups["alone"]["camera_rms_m"] == 0
     assert 0.1 < setups["B"]["camera_rms_m"] < 1
     assert setups["A"]["lpips"] is None

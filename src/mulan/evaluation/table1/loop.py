@@ -63,7 +63,8 @@ class LoopSource(TeamSource):
         write_transforms(team.true, true)
         write_transforms(team.believed, believed)
         write_json(record, {"made_from": made_from, "anchor": team.anchor})
-        return team
+        # rotations are made orthonormal as they are read: as every later call will have them
+        return Team(read_transforms(true), read_transforms(believed), team.anchor)
 
     def _localized(self, seed: int, run: RunFolder, progress: Progress) -> Team:
         images, split = self.images, "azimuth"

@@ -71,12 +71,13 @@ class SharedPhotographs:
         rng: np.random.Generator,
         believe: Callable[[Float[NDArray, "n 4 4"], Float[NDArray, "n 3"]], BelievedPoses],
     ) -> Team:
-        """Deal, and let beta believe what ``believe`` makes of its true poses and of where alpha was."""
+        """Deal, and let beta believe what ``believe`` makes of its true poses and of where it was heard from.
+
+        Alpha hears all of them from its first photograph, whose pose is the world's in the paper.
+        """
         alpha, beta = share_photographs(self.images, self.split, rng)
         T = np.stack([image.T_world_camera for image in beta])
-        # both robots are on their way: the k-th photograph of each is taken at the same time
-        meeting = [alpha[k % len(alpha)].T_world_camera[:3, 3] for k in range(len(beta))]
-        poses = believe(T, np.stack(meeting))
+        poses = believe(T, np.tile(alpha[0].T_world_camera[:3, 3], (len(T), 1)))
         believed = tuple(
             replace(image, T_world_camera=T, pose_covariance=covariance)
             for image, T, covariance in zip(beta, poses.T_world_camera, poses.covariance, strict=True)
