@@ -112,6 +112,21 @@ def test_equally_uncertain_images_are_not_all_thrown_away(image):
     assert max(float(m.max()) for m in maps) == 1
 
 
+def test_an_image_displaced_too_far_is_ignored_where_others_are_exact(image):
+    weighting = UncertaintyWeights(most_sigma_px=3.0)
+    near, far = with_sigma(image, 0.05), with_sigma(image, 1.0)
+    assert projected_sigma_px(near, SPACE) < 3 < projected_sigma_px(far, SPACE)
+    assert weighting.ignored([image, near, far], SPACE) == [False, False, True]
+    assert weighting.weight_maps([image, near, far], SPACE)[2].max() == 0
+
+
+def test_a_share_of_the_images_is_kept_however_uncertain_all_are(image):
+    images = [with_sigma(image, s) for s in (1.0, 1.2, 1.4, 1.6)]
+    weighting = UncertaintyWeights(most_sigma_px=1.0, least_kept=0.3)
+    assert weighting.ignored(images, SPACE) == [False, False, True, True]
+    assert not any(weighting.ignored(images[:1] * 4, SPACE))
+
+
 def test_projected_sigma_matches_monte_carlo(image):
     rng = np.random.default_rng(0)
     L = rng.normal(size=(6, 6)) * 0.01

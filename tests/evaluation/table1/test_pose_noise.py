@@ -1,4 +1,5 @@
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -13,9 +14,10 @@ from mulan.geometry import se3
 
 from ...reconstruction.cube_scene import look_at
 
-N = 4000
+N = 1500
 
 
+@cache
 def cameras(n=N):
     rng = np.random.default_rng(5)
     azimuth, height = rng.uniform(0, 2 * np.pi, n), rng.uniform(0.5, 3.0, n)
@@ -47,15 +49,15 @@ def test_covariance_of_a_radio_pose_is_as_large_as_its_errors(sigma_deg):
     believed, T, _ = heard(sigma_deg)
     values = nees(believed.T_world_camera, T, believed.covariance)
     # the mean of N chi-squared numbers of 6 degrees of freedom, at five standard deviations
-    assert values.mean() == pytest.approx(6, abs=5 * math.sqrt(2 * 6 / N) + 0.02 * sigma_deg)
+    assert values.mean() == pytest.approx(6, abs=4 * math.sqrt(2 * 6 / N))
 
 
 def test_each_direction_of_a_radio_pose_is_calibrated_by_itself():
     believed, T, _ = heard(5.0)
     xi = errors(believed.T_world_camera, T)
     scale = np.sqrt(np.einsum("nii->ni", believed.covariance))
-    np.testing.assert_allclose((xi / scale).std(0), 1, atol=0.06)
-    np.testing.assert_allclose((xi / scale).mean(0), 0, atol=0.06)
+    np.testing.assert_allclose((xi / scale).std(0), 1, atol=0.1)
+    np.testing.assert_allclose((xi / scale).mean(0), 0, atol=0.1)
 
 
 def test_a_position_is_off_across_the_line_of_sight_by_range_times_angle():
@@ -74,14 +76,14 @@ def test_bearings_of_known_spread_are_believed_as_far_as_each_deserves():
     believed, T, _ = heard(sigma_deg)
     values = nees(believed.T_world_camera, T, believed.covariance)
     for part in np.array_split(np.argsort(sigma_deg), 4):
-        assert values[part].mean() == pytest.approx(6, abs=0.8)
+        assert values[part].mean() == pytest.approx(6, abs=1.0)
 
 
 @pytest.mark.parametrize(("displacement_m", "turn_deg"), [(0.4, 7.0), (1.2, 21.0)])
 def test_joint_covariance_of_a_rigid_error_is_as_large_as_the_error(displacement_m, turn_deg):
     T = cameras(12)
     values = []
-    for seed in range(200):
+    for seed in range(60):
         config = RigidNoiseConfig(displacement_m, turn_deg)
         believed = rigidly_displaced_poses(T, config, np.random.default_rng(seed))
         xi = errors(believed.T_world_camera, T).reshape(-1)

@@ -35,7 +35,7 @@ def run_table(images, folder, only=("A", "B", "alone"), steps=120):
 
 
 def test_wireless_poses_cost_quality_and_the_table_says_how_much(tmp_path):
-    images = cube_images(tmp_path, train=12, test=3)
+    images = cube_images(tmp_path, train=12, test=2)
     metrics, said = run_table(images, tmp_path / "out")
     setups = metrics["setups"]
     assert list(setups) == ["A", "B", "alone"]
@@ -66,8 +66,8 @@ def test_moving_the_whole_map_costs_raw_quality_but_none_once_aligned(tmp_path):
     shift = se3.exp(np.array([0.1, -0.05, 0.3, 0.4, -0.2, 0.3]))
     moved = tuple(replace(image, T_world_camera=shift @ image.T_world_camera) for image in images.train)
     elsewhere = PosedImageSet(moved, images.test, tmp_path)
-    training = train(elsewhere, NoWeights(), replace(TRAINING, steps=200), RunFolder(tmp_path / "run"))
-    at_home = train(images, NoWeights(), replace(TRAINING, steps=200), RunFolder(tmp_path / "home"))
+    training = train(elsewhere, NoWeights(), replace(TRAINING, steps=120), RunFolder(tmp_path / "run"))
+    at_home = train(images, NoWeights(), replace(TRAINING, steps=120), RunFolder(tmp_path / "home"))
     aligned = aligned_psnr_db(training, images, elsewhere, 0.0)
     reference = aligned_psnr_db(at_home, images, elsewhere, 0.0)
     same = aligned_psnr_db(at_home, images, images, 12.5)
@@ -88,7 +88,7 @@ def test_the_command_writes_the_table_of_any_posed_image_set(tmp_path, capsys):
     write_transforms(images, tmp_path / "transforms.json")
     out = tmp_path / "out"
     arguments = ["evaluate", "table1", "--data", str(tmp_path), "--out", str(out), "--seeds", "1"]
-    more = ["--image-size", "24", "--steps", "15", "--only", "A,C", "--noise", "spread"]
+    more = ["--image-size", "24", "--steps", "4", "--only", "A,C", "--noise", "spread"]
     assert run_command([*arguments, *more]) == 0
     metrics = json.loads((out / "metrics.json").read_text())
     assert list(metrics["setups"]) == ["A", "C"]

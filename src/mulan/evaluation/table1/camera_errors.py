@@ -29,7 +29,8 @@ def camera_errors(team: Team, images: PosedImageSet) -> dict[str, Any]:
         names = ("camera_rms_m", "camera_median_m", "camera_max_m", "camera_rotation_median_deg")
         return dict.fromkeys(names, 0.0) | {"nees_per_dof": None}
     error = np.stack([se3.inverse(image.T_world_camera) @ true[image.path] for image in chosen])
-    distance = np.linalg.norm(error[:, :3, 3], axis=1)
+    position = np.stack([image.T_world_camera[:3, 3] - true[image.path][:3, 3] for image in chosen])
+    distance = np.linalg.norm(position, axis=1)
     angle = np.linalg.norm(so3.log(error[:, :3, :3]), axis=1)
     nees = [
         float(xi @ np.linalg.solve(image.pose_covariance, xi))
