@@ -48,7 +48,7 @@ class PaperCorrectedWeights(Weighting):
     13).
     """
 
-    gamma_0_m2: float = 0.1
+    gamma_0_m2: float = 0.02
     """γ₀ [m²], the scale on which trust falls: an ellipse three times as large has a weight of 0.1."""
     confidence: float = 0.95
     """CI, the probability inside the error ellipse."""

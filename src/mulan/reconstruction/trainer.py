@@ -155,6 +155,10 @@ def _prepare(
     photographs = load_photographs(images, config, run.root / "decoded", group)
     captured, test = photographs.train, photographs.test
     space = choose_space(captured)
+    ignored = weighting.ignored(captured, space)
+    if any(ignored):
+        # nor must their poses, which are trusted least, say where the scene is
+        space = choose_space([image for image, out in zip(captured, ignored, strict=True) if not out])
     device = config.device.resolve()
     on_gpu = device.type == "cuda"
     field = config.field or choose_field(config.image_size, len(captured), space.unbounded, on_gpu)

@@ -69,7 +69,7 @@ class UncertaintyWeights(Weighting):
     """s₀²: colour variance of a pixel whose pose is exact."""
     threshold: float = 0.01
     """Weights below this share of the best image become zero (a mean weight of 0.002 still cost 2.7 dB)."""
-    most_sigma_px: float = 1.5
+    most_sigma_px: float = 1.0
     """Images with a larger σ, in pixels of the size learnt from, are ignored."""
     least_kept: float = 0.25
     """Share of the images that is kept whatever their σ, the best first."""

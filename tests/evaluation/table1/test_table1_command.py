@@ -93,5 +93,5 @@ def test_the_command_writes_the_table_of_any_posed_image_set(tmp_path, capsys):
     metrics = json.loads((out / "metrics.json").read_text())
     assert list(metrics["setups"]) == ["A", "C"]
     assert set(metrics["gap_recovered"]) == {"C"}
-    assert "paper's weights, corrected" in capsys.readouterr().out
+    assert "C  paper's weights" in capsys.readouterr().out
     assert {setup.name for setup in SETUPS} >= set(metrics["setups"])

@@ -35,12 +35,14 @@ def draw_bars(metrics: dict[str, Any], titles: Mapping[str, str], path: Path) ->
         axes.text(value - 0.15, row, f"{value:.2f}", va="center", ha="right", color="white", fontsize=8)
     axes.set_yticks(rows, [titles[name] for name in names], fontsize=8)
     axes.set(xlabel="mean PSNR of held-out views [dB]", xlim=(max(mean.min() - 4, 0), None))
-    axes.legend(fontsize=8, loc="lower right")
+    axes.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0))
     _save(figure, path)
 
 
-def draw_views(runs: Mapping[str, RunFolder], titles: Mapping[str, str], path: Path, view: int = 2) -> None:
+def draw_views(runs: Mapping[str, RunFolder], titles: Mapping[str, str], path: Path) -> None:
     """The same view as every setup renders it, above its absolute error; the photograph stands first."""
+    kept = [len(list(run.renders.glob("*_rendered.png"))) for run in runs.values()]
+    view = (min(kept, default=0) - 1) // 2
     shown = {n: r for n, r in runs.items() if _picture(r, view, "rendered").exists()}
     if not shown:
         return

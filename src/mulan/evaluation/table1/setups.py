@@ -31,14 +31,14 @@ class Setup:
 SETUPS = (
     Setup("A", "A  true poses", lambda team: without_covariance(team.true), NoWeights()),
     Setup("B", "B  wireless poses", lambda team: without_covariance(team.believed), NoWeights()),
-    Setup("C", "C  paper's weights, corrected", lambda team: team.believed, PaperCorrectedWeights()),
-    Setup("paper_literal", "C  paper's weights, as printed", lambda team: team.believed, PaperWeights()),
+    Setup("C", "C  paper's weights", lambda team: team.believed, PaperCorrectedWeights()),
+    Setup("paper_literal", "C  paper's, as printed", lambda team: team.believed, PaperWeights()),
     Setup(
         "alone",
-        "first robot's images alone",
+        "first robot alone",
         lambda team: without_covariance(of_robot(team.believed, team.anchor)),
         NoWeights(),
     ),
-    Setup("ours_weights", "ours, weights only", lambda team: team.believed, UncertaintyWeights()),
-    Setup("ours", "ours, poses refined", lambda team: team.believed, UncertaintyWeights(), refines=True),
+    Setup("ours_weights", "ours, weights", lambda team: team.believed, UncertaintyWeights()),
+    Setup("ours", "ours, refined", lambda team: team.believed, UncertaintyWeights(), refines=True),
 )
