@@ -3,11 +3,23 @@ import pytest
 
 from mulan.evaluation.table1.loop import LoopSource
 from mulan.evaluation.table1.real_radio import RealRadioSource
-from mulan.evaluation.table1.recorded_bearings import RecordedBearing, draw
+from mulan.evaluation.table1.recorded_bearings import RecordedBearing, core_sigma_rad, draw
 from mulan.mission.run_folder import RunFolder
 from mulan.simulation.timeline import TourConfig
+from mulan.wireless.azimuth_density import AzimuthMixture
 
 from ...reconstruction.cube_scene import cube_images
+
+
+def mixture(*sigma_weight, outlier_mass):
+    sigma, weight = (np.array(column) for column in zip(*sigma_weight, strict=True))
+    return AzimuthMixture(np.zeros(len(sigma)), sigma, weight, outlier_mass)
+
+
+def test_core_sigma_is_that_of_a_lone_peak_and_grows_with_the_outlier_mass():
+    assert core_sigma_rad(mixture((0.1, 1.0), outlier_mass=0.0)) == pytest.approx(0.1, rel=1e-3)
+    assert 0.1 < core_sigma_rad(mixture((0.1, 0.9), outlier_mass=0.1)) < 0.15
+    assert core_sigma_rad(mixture((0.1, 0.3), outlier_mass=0.7)) > 1
 
 
 def ignore(*_):
