@@ -10,9 +10,10 @@ from mulan.mission.run_folder import RunFolder
 from mulan.radiance.config import FieldConfig
 from mulan.reconstruction.field_file import load_engine
 from mulan.reconstruction.held_out import evaluate_held_out
+from mulan.reconstruction.paper_weights import PaperWeights
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.trainer import train
-from mulan.reconstruction.weights import NoWeights, PaperWeights
+from mulan.reconstruction.weights import NoWeights
 
 from .cube_scene import cube_images
 

@@ -8,9 +8,9 @@ import torch
 from mulan.geometry import se3
 from mulan.radiance.space import SceneSpace
 from mulan.reconstruction.captured_image import load_captured
+from mulan.reconstruction.paper_weights import PaperCorrectedWeights, PaperWeights
 from mulan.reconstruction.weights import (
     NoWeights,
-    PaperWeights,
     UncertaintyWeights,
     local_variance,
     projected_sigma_px,
@@ -57,6 +57,32 @@ def test_paper_ellipse_takes_the_covariance_to_the_worlds_axes(image):
     assert gamma == pytest.approx(-2 * math.log(0.05) * math.pi * abs(up[0] * up[1]))
 
 
+def test_corrected_paper_weight_falls_from_one_with_the_area_of_the_ellipse(image):
+    weighting = PaperCorrectedWeights(gamma_0_m2=0.1)
+    assert weighting.weight_map(image, SPACE)[0, 0].item() == 1
+    gamma = -2 * math.log(1 - 0.95) * math.pi * 0.05 * 0.05
+    weight = weighting.weight_map(with_sigma(image, 0.05), SPACE)
+    torch.testing.assert_close(weight, torch.full((24, 24), 2 / (1 + math.exp(gamma / 0.1))))
+    assert weighting.weight_map(with_sigma(image, 3.0), SPACE)[0, 0].item() < 1e-6
+
+
+@pytest.mark.parametrize("spatial", [False, True])
+def test_corrected_ellipse_does_not_depend_on_where_the_world_axes_point(image, spatial):
+    covariance = np.diag([0, 0, 0, 0.01, 0.25, 0.04])
+    image = replace(image, posed=replace(image.posed, pose_covariance=covariance))
+    turn = se3.exp(np.array([0, 0, math.pi / 4, 0, 0, 0]))
+    turned = replace(image, posed=replace(image.posed, T_world_camera=turn @ image.T_world_camera))
+    corrected = PaperCorrectedWeights(spatial=spatial)
+    assert corrected.gamma(turned) == pytest.approx(corrected.gamma(image))
+    assert PaperWeights().gamma(turned) != pytest.approx(PaperWeights().gamma(image), rel=0.05)
+
+
+def test_a_ball_of_uncertainty_has_the_area_of_its_own_disc(image):
+    k_squared = 7.814728  # 95 % quantile of chi-squared with three degrees of freedom
+    gamma = PaperCorrectedWeights(spatial=True).gamma(with_sigma(image, 0.2))
+    assert gamma == pytest.approx(k_squared * math.pi * 0.04)
+
+
 def test_uncertainty_weights_fall_with_pose_sigma_and_trust_exact_poses_fully(image):
     means = [
         UncertaintyWeights().weight_map(with_sigma(image, s), SPACE).mean().item()
@@ -84,6 +110,21 @@ def test_weights_below_the_threshold_are_exactly_zero_relative_to_the_best_image
 def test_equally_uncertain_images_are_not_all_thrown_away(image):
     maps = UncertaintyWeights(colour_variance=1e-4).weight_maps([with_sigma(image, 0.5)] * 2, SPACE)
     assert max(float(m.max()) for m in maps) == 1
+
+
+def test_an_image_displaced_too_far_is_ignored_where_others_are_exact(image):
+    weighting = UncertaintyWeights(most_sigma_px=3.0)
+    near, far = with_sigma(image, 0.05), with_sigma(image, 1.0)
+    assert projected_sigma_px(near, SPACE) < 3 < projected_sigma_px(far, SPACE)
+    assert weighting.ignored([image, near, far], SPACE) == [False, False, True]
+    assert weighting.weight_maps([image, near, far], SPACE)[2].max() == 0
+
+
+def test_a_share_of_the_images_is_kept_however_uncertain_all_are(image):
+    images = [with_sigma(image, s) for s in (1.0, 1.2, 1.4, 1.6)]
+    weighting = UncertaintyWeights(most_sigma_px=1.0, least_kept=0.3)
+    assert weighting.ignored(images, SPACE) == [False, False, True, True]
+    assert not any(weighting.ignored(images[:1] * 4, SPACE))
 
 
 def test_projected_sigma_matches_monte_carlo(image):

@@ -14,6 +14,7 @@ from mulan.cli import (
     evaluate_aoa_simulation,
     evaluate_engine,
     evaluate_localization,
+    evaluate_table1,
     evaluate_uwb,
 )
 from mulan.cli.progress import console, progress_stages
@@ -38,6 +39,7 @@ EXPERIMENTS = {
     "aoa-simulation": "Bearings from simulated links, against theory and the paper's metric.",
     "engine": "Quality against training time, throughput and memory, beside torch and the peers.",
     "localization": "Poses and covariances against the Cramér–Rao bound, real recordings, online.",
+    "table1": "The paper's first table: two robots, noisy poses, its setups beside ours.",
     "two-robot": "True poses, wireless poses, wireless poses with weights, on one mission.",
     "uwb": "Likelihood and coverage of calibrated UWB ranges on held-out recordings.",
 }
@@ -48,6 +50,7 @@ _OF_THEIR_OWN = {
     "aoa-simulation": evaluate_aoa_simulation.main,
     "engine": evaluate_engine.main,
     "localization": evaluate_localization.main,
+    "table1": evaluate_table1.main,
     "uwb": evaluate_uwb.main,
 }
 

@@ -14,11 +14,14 @@ from mulan.mission.image_sets import read_posed_images
 from mulan.mission.nerfstudio import read_transforms, write_transforms
 from mulan.mission.posed_images import PosedImageSet
 from mulan.mission.run_folder import RunFolder
+from mulan.reconstruction.paper_weights import PaperCorrectedWeights, PaperWeights
 from mulan.reconstruction.process_group import ProcessGroup, processes_of_torchrun
 from mulan.reconstruction.reconstruct import reconstruct
+from mulan.reconstruction.refinement.refine import REFINED
+from mulan.reconstruction.refinement.refinement_config import RefinementConfig
 from mulan.reconstruction.torchrun import is_leader
 from mulan.reconstruction.train_config import TrainConfig
-from mulan.reconstruction.weights import NoWeights, PaperWeights, UncertaintyWeights, Weighting
+from mulan.reconstruction.weights import NoWeights, UncertaintyWeights, Weighting
 
 
 @dataclass(frozen=True)
@@ -34,21 +37,26 @@ class Options:
     """Posed image set of your own: a folder or transforms.json (Blender, nerfstudio, instant-ngp)."""
     hold_out_every: int = 8
     """With --data: every n-th image becomes a test view where the set names none; 0 holds out none."""
-    weighting: Literal["none", "paper", "uncertainty"] = "uncertainty"
-    """Trust in each pixel: equal, the paper's formula as printed, or what its pose covariance deserves."""
+    weighting: Literal["none", "paper", "paper-corrected", "uncertainty"] = "uncertainty"
+    """Trust in each pixel: equal, the paper's formula as printed or with its sign and ellipse put right, or
+    what its pose covariance deserves."""
+    refine_poses: bool = False
+    """Correct the poses that carry a covariance while the field is learnt (transforms_refined.json)."""
     config: tyro.conf.AvoidSubcommands[tyro.conf.OmitArgPrefixes[TrainConfig]] = field(
         default_factory=TrainConfig
     )
     """Training options."""
 
 
-def weighting_named(name: Literal["none", "paper", "uncertainty"]) -> Weighting:
+def weighting_named(name: Literal["none", "paper", "paper-corrected", "uncertainty"]) -> Weighting:
     """The weighting a command line word stands for."""
     match name:
         case "none":
             return NoWeights()
         case "paper":
             return PaperWeights()
+        case "paper-corrected":
+            return PaperCorrectedWeights()
         case "uncertainty":
             return UncertaintyWeights()
 
@@ -78,6 +86,7 @@ def train_run(
     weighting: Weighting,
     config: TrainConfig,
     group: ProcessGroup | None = None,
+    refinement: RefinementConfig | None = None,
 ) -> None:
     """Train with a progress bar and say how good it became."""
     if group:
@@ -87,7 +96,7 @@ def train_run(
         console.print("Going on with the training that was stopped")
     before = run.field.stat().st_mtime_ns if run.field.exists() else None
     with progress_bar("Training") as progress:
-        metrics = reconstruct(images, weighting, config, run, progress, group)
+        metrics = reconstruct(images, weighting, config, run, progress, group, refinement)
     if before is not None:
         kept = run.field.stat().st_mtime_ns == before
         console.print(
@@ -99,6 +108,9 @@ def train_run(
     if metrics["psnr_db"] is not None:
         score = f"Held-out views: [bold]{metrics['psnr_db']:.2f} dB[/] PSNR after {score}"
     console.print(score)
+    if "median_correction_m" in metrics:
+        moved_cm = 100 * metrics["median_correction_m"]
+        console.print(f"Poses corrected by {moved_cm:.1f} cm (median): [bold]{run.root / REFINED}[/]")
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -113,7 +125,8 @@ def main(arguments: Sequence[str]) -> int:
                 write_transforms(
                     images, run.transforms
                 )  # the run then holds what plan, render and report need
-        train_run(run, images, weighting_named(options.weighting), options.config, group)
+        refinement = RefinementConfig() if options.refine_poses else None
+        train_run(run, images, weighting_named(options.weighting), options.config, group, refinement)
     if not is_leader():
         return 0
     run.record_config("train", asdict(options))

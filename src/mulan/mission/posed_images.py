@@ -39,8 +39,11 @@ class PosedImageSet:
         train: Seen by the trainer.
         test: Held out.
         source: File or folder they were read from, for messages.
+        joint_pose_covariance: Of all images of ``train`` that have a covariance, in their order, where their
+            errors are correlated; None = independent.
     """
 
     train: tuple[PosedImage, ...]
     test: tuple[PosedImage, ...]
     source: Path
+    joint_pose_covariance: Float[NDArray, "m m"] | None = None

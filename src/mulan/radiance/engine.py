@@ -7,6 +7,8 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from mulan.radiance.ray_gradients import RayGradients
+
 
 @dataclass(frozen=True)
 class RayBatch:
@@ -109,6 +111,23 @@ class RadianceEngine(ABC):
     @abstractmethod
     def density(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, "n"]:
         """Density [1/m] at world points, without gradients."""
+
+    @abstractmethod
+    def set_level_weights(self, weights: Float[Tensor, "levels"]) -> None:
+        """Scale each level's features (coarse-to-fine); a level of weight 0 neither acts nor learns.
+
+        Raises:
+            ValueError: There are not as many as levels, or one is not finite.
+        """
+
+    @abstractmethod
+    def ray_gradients(
+        self,
+        origins: Float[Tensor, "r 3"],
+        directions: Float[Tensor, "r 3"],
+        colour_gradient: Float[Tensor, "r 3"],
+    ) -> tuple[Rendering, RayGradients]:
+        """A rendering, and what a gradient to its colours means for the rays; the field stays as it is."""
 
     @abstractmethod
     def state(self) -> dict[str, Tensor]:

@@ -32,6 +32,7 @@ class RadianceField(nn.Module):
         super().__init__()
         self.config = config
         self.encoding = HashEncoding(config)
+        self.level_weights: Tensor | None = None
         width, features = config.width, config.geometry_features
 
         def matrix(rows: int, columns: int, gain: float = math.sqrt(2)) -> nn.Parameter:
@@ -56,7 +57,10 @@ class RadianceField(nn.Module):
         The density is ``exp(min(features[0] - 1.5, 15))``: 0.22 a radius before any learning, so that light
         crosses an empty scene.
         """
-        hidden = functional.relu(functional.linear(self.encoding(unit, self.table), self.density_hidden))
+        encoded = self.encoding(unit, self.table)
+        if self.level_weights is not None:
+            encoded = encoded * self.level_weights.repeat_interleave(self.config.features)
+        hidden = functional.relu(functional.linear(encoded, self.density_hidden))
         features = functional.linear(hidden, self.density_out)
         density = torch.exp((features[:, 0] + LOG_DENSITY_OFFSET).clamp_max(LOG_DENSITY_MAX))
         return density, hidden, features

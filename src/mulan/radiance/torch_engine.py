@@ -7,7 +7,7 @@ from torch import Tensor
 from mulan.radiance.background import random_background
 from mulan.radiance.config import FieldConfig, MarchConfig
 from mulan.radiance.engine import RayBatch, RaySamples, Rendering, StepReport
-from mulan.radiance.finite import check_finite_batch, check_finite_rays
+from mulan.radiance.finite import check_finite, check_finite_batch, check_finite_rays
 from mulan.radiance.kernels.composite import Composite
 from mulan.radiance.kernels.distortion import distortion
 from mulan.radiance.kernels.march import fraction_of_ray, step_count
@@ -19,6 +19,7 @@ from mulan.radiance.loss import (
 from mulan.radiance.networks import RadianceField
 from mulan.radiance.occupancy import OccupancyGrid
 from mulan.radiance.optimiser_config import OptimiserConfig
+from mulan.radiance.ray_gradients import RayGradients
 from mulan.radiance.rendering import FieldSamples, evaluate_rays
 from mulan.radiance.space import SceneSpace
 from mulan.radiance.split_step import BatchPart, ParameterGradients, SplitStepEngine
@@ -199,6 +200,40 @@ class TorchEngine(SplitStepEngine):
             return Rendering(origins.new_zeros(0, 3), empty, empty, empty)
         colour, distance, opacity, variance = (torch.cat(column) for column in zip(*parts, strict=True))
         return Rendering(colour.clamp(0, 1), distance, opacity, variance)
+
+    def set_level_weights(self, weights: Float[Tensor, "levels"]) -> None:
+        """See :class:`RadianceEngine`."""
+        if len(weights) != self.field.config.levels or not bool(torch.isfinite(weights).all()):
+            raise ValueError(f"{self.field.config.levels} finite weights are needed")
+        self.field.level_weights = weights.clone()
+
+    def ray_gradients(
+        self,
+        origins: Float[Tensor, "r 3"],
+        directions: Float[Tensor, "r 3"],
+        colour_gradient: Float[Tensor, "r 3"],
+    ) -> tuple[Rendering, RayGradients]:
+        """See :class:`RadianceEngine`."""
+        check_finite_rays(origins, directions)
+        check_finite("colour gradients", colour_gradient)
+        parts, gradients = [], []
+        for some in torch.arange(len(origins)).split(self._rays_at_once):
+            o, d = (x[some].detach().clone().requires_grad_() for x in (origins, directions))
+            middle, least = torch.full((len(some),), 0.5), self._least_opacity(len(some))
+            c = self._evaluate(o, d, middle, least).composite(len(some))
+            colour = c.colour + (1 - c.opacity)[:, None] * self._background
+            wanted = (colour * colour_gradient[some]).sum()
+            gradients.append(
+                torch.autograd.grad(wanted, (o, d), materialize_grads=True)
+                if wanted.requires_grad
+                else (torch.zeros_like(o), torch.zeros_like(d))
+            )
+            shown = colour.clamp(0, 1), c.distance_m, c.opacity, c.variance
+            parts.append([x.detach() for x in shown])
+        if not parts:
+            return self.render(origins, directions), RayGradients(origins.clone(), directions.clone())
+        rendering = Rendering(*(torch.cat(column) for column in zip(*parts, strict=True)))
+        return rendering, RayGradients(*(torch.cat(column) for column in zip(*gradients, strict=True)))
 
     @torch.no_grad()
     def sample(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> RaySamples:

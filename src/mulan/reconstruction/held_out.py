@@ -1,8 +1,9 @@
 """How well a field predicts photographs it never saw."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -18,6 +19,15 @@ from mulan.reconstruction.posed_pixels import PosedPixels
 from mulan.reconstruction.sub_pixels import Renders
 
 
+@runtime_checkable
+class ViewJudge(Protocol):
+    """Further figures of merit of one held-out view."""
+
+    def __call__(self, rendering: Rendering, image: CapturedImage) -> dict[str, float | None]:
+        """Figures by name, None where one is not available; the rendering's rays are the image's pixels."""
+        ...
+
+
 def psnr_db(engine: Renders, images: PosedPixels, index: int, sub_pixels: int = 1) -> float:
     """Peak signal-to-noise ratio of one rendered view against its photograph (colours in [0, 1])."""
     return _psnr_db(images.render(engine, index, sub_pixels).colour, images.image_rays(index).colours)
@@ -29,6 +39,7 @@ def evaluate_held_out(
     run: RunFolder,
     keep: int = 6,
     sub_pixels: int = 1,
+    judges: Sequence[ViewJudge] = (),
 ) -> dict[str, Any]:
     """Render every held-out view, compare, and keep some pictures in ``renders/``.
 
@@ -38,6 +49,7 @@ def evaluate_held_out(
         run: Folder for ``renders/000_true.png``, ``000_rendered.png``, ``000_depth.png`` (near is bright).
         keep: How many views to keep, spread over the set.
         sub_pixels: Rays a side of a pixel; the field's description says what it was learnt for.
+        judges: Further figures of merit, added to each view and to the means.
 
     Returns:
         ``views`` (name, psnr_db, ssim each), ``psnr_db`` and ``ssim``, the means over the views, or None
@@ -58,14 +70,14 @@ def evaluate_held_out(
             "psnr_db": _psnr_db(rendering.colour, rays.colours),
             "ssim": _ssim(rendering.colour.view(h, w, 3), rays.colours.view(h, w, 3)),
         }
+        for judge in judges:
+            view |= judge(rendering, image)
         views.append(view)
         if i in kept:
             _write_pictures(run.renders, sorted(kept).index(i), image, rendering)
-    return {
-        "psnr_db": _mean([view["psnr_db"] for view in views]),
-        "ssim": _mean([view["ssim"] for view in views if view["ssim"] is not None]),
-        "views": views,
-    }
+    figures = [name for name in views[0] if name != "name"]
+    means = {name: _mean([view[name] for view in views if view[name] is not None]) for name in figures}
+    return {**means, "views": views}
 
 
 def _psnr_db(colour: Float[Tensor, "r 3"], true: Float[Tensor, "r 3"]) -> float:

@@ -111,8 +111,8 @@ class MappedImages(PosedPixels):
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder) as waiting:
             best = None
-            for image in self.images:
-                weight_map = self._weighting.weight_map(image, self._space)
+            raw_maps = self._weighting.raw_maps(self.images, self._space)
+            for image, weight_map in zip(self.images, raw_maps, strict=True):
                 check_weight_map(image, weight_map)
                 mean = float(weight_map.mean())
                 best = mean if best is None else max(best, mean)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
-from jaxtyping import Int
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from mulan.geometry.camera import PinholeCamera
@@ -89,6 +89,18 @@ class PosedPixels(ABC):
             opacity=None if one.opacity is None else one.opacity.repeat_interleave(2),
             rays_a_pixel=2,
         )
+
+    def rays_at(self, pixel: Int[Tensor, "r"], T_world_camera: Float[Tensor, "n 4 4"]) -> RayBatch:
+        """Rays of pixels, were the cameras elsewhere."""
+        own, self.T_world_camera = self.T_world_camera, T_world_camera
+        try:
+            return self.rays(pixel)
+        finally:
+            self.T_world_camera = own
+
+    def first_pixel(self, image: int) -> int:
+        """Number of an image's upper left pixel."""
+        return int(self._first_pixel[image])
 
     def image_rays(self, image: int) -> RayBatch:
         """Every ray of one image, row by row."""

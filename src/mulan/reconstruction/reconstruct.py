@@ -6,10 +6,13 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from typing import Any
 
+from mulan.errors import InputError
 from mulan.mission.posed_images import PosedImage, PosedImageSet
 from mulan.mission.run_folder import RunFolder, read_json, write_json
 from mulan.reconstruction.held_out import evaluate_held_out
 from mulan.reconstruction.process_group import ProcessGroup
+from mulan.reconstruction.refinement.refine import median_correction_m, refine_and_train
+from mulan.reconstruction.refinement.refinement_config import RefinementConfig
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.trainer import TrainingStatus, train
 from mulan.reconstruction.weights import Weighting
@@ -25,20 +28,27 @@ def reconstruct(
     run: RunFolder,
     progress: Progress,
     group: ProcessGroup | None = None,
+    refinement: RefinementConfig | None = None,
 ) -> dict[str, Any]:
     """Train and evaluate; a run already finished with the same images and options is kept as it is.
+
+    With ``refinement`` the poses that carry a covariance are corrected as the field is learnt
+    (``transforms_refined.json``), by one process.
 
     Each process of ``group`` calls this with the same arguments; all learn, the leader writes and evaluates.
 
     Returns:
         What it writes to metrics.json: ``psnr_db``, ``ssim`` (None without held-out views), ``views``,
-        ``train_seconds``, ``steps``, ``samples_per_s``, ``made_from``.
+        ``train_seconds``, ``steps``, ``samples_per_s``, ``made_from``; with refinement also
+        ``registration_seconds`` and ``median_correction_m``.
 
     Raises:
-        InputError: See :func:`mulan.reconstruction.trainer.train`.
+        InputError: See :func:`mulan.reconstruction.trainer.train`; or several processes were to refine poses.
     """
     leads, finished = group is None or group.leads, None
     made_from = fingerprint(images, weighting, config)
+    if refinement:
+        made_from += f"-{hashlib.sha256(f'{refinement}'.encode()).hexdigest()[:8]}"
     if group:
         made_from += f"x{group.place.processes}"
     with group.all_or_none() if group else nullcontext():
@@ -55,9 +65,21 @@ def reconstruct(
         rate = status.samples / max(status.seconds, 1e-9) / 1e6
         progress(status.fraction_done, 1, f"train {status.train_psnr_db:.1f} dB, {rate:.2f} M samples/s")
 
-    result = train(images, weighting, config, run, follow, group)
+    metrics: dict[str, Any] = {}
+    if refinement:
+        if group:
+            remedy = "train in one process, or leave poses as they are"
+            raise InputError("--refine-poses", "torchrun", "several processes cannot refine poses", remedy)
+        refined = refine_and_train(images, weighting, config, refinement, run, progress)
+        result = refined.training
+        metrics |= {
+            "registration_seconds": refined.registration_seconds,
+            "median_correction_m": median_correction_m(images, refined.images),
+        }
+    else:
+        result = train(images, weighting, config, run, follow, group)
     progress(1, 1, "rendering held-out views")
-    metrics = {
+    metrics |= {
         "train_seconds": result.seconds,
         "steps": result.steps,
         "samples_per_s": result.samples / max(result.seconds, 1e-9),
@@ -83,6 +105,8 @@ def _finished(run: RunFolder, made_from: str) -> dict[str, Any] | None:
 def fingerprint(images: PosedImageSet, weighting: Weighting, config: TrainConfig) -> str:
     """A digest of everything a reconstruction depends on: image files, poses, covariances, options."""
     digest = hashlib.sha256(f"{weighting} {json.dumps(config.what_is_learnt(), sort_keys=True)}".encode())
+    if images.joint_pose_covariance is not None:
+        digest.update(images.joint_pose_covariance.tobytes())
     for image in (*images.train, *images.test):
         digest.update(_image_bytes(image))
     return digest.hexdigest()[:16]

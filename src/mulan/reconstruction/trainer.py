@@ -5,9 +5,10 @@ import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import torch
+from torch import Tensor
 
 from mulan.errors import InputError
 from mulan.mission.posed_images import PosedImageSet
@@ -57,6 +58,27 @@ class TrainingStatus:
     sub_pixels: int = 1
 
 
+@runtime_checkable
+class BetweenSteps(Protocol):
+    """Something that acts between the steps of a training, on the training's clock."""
+
+    def begin(self, data: PosedPixels) -> None:
+        """Called once before the first step, and after a checkpoint was read."""
+        ...
+
+    def after_step(self, engine: RadianceEngine, data: PosedPixels, steps: int, fraction_done: float) -> None:
+        """Called after each step."""
+        ...
+
+    def state(self) -> dict[str, Tensor]:
+        """What a checkpoint must keep."""
+        ...
+
+    def load_state(self, saved: dict[str, Tensor]) -> None:
+        """Restore what :meth:`state` gave and take it out of a checkpoint's tensors."""
+        ...
+
+
 @dataclass(frozen=True)
 class TrainingResult:
     """A learnt field.
@@ -85,6 +107,7 @@ def train(
     run: RunFolder,
     progress: Callable[[TrainingStatus], None] | None = None,
     group: ProcessGroup | None = None,
+    between_steps: BetweenSteps | None = None,
 ) -> TrainingResult:
     """Learn a field and write it to the run, resuming an unfinished training of the same options and images.
 
@@ -98,13 +121,14 @@ def train(
         run: Folder to write to.
         progress: Called after every step.
         group: The processes that train together; each calls this with the same arguments, one writes.
+        between_steps: Acts between the steps, as pose refinement does; not with several processes.
 
     Raises:
         InputError: There is no photograph, one is damaged, no pixel has weight, an option makes no sense, or
             an unfinished training in the run was started with other options or images.
     """
     with group.all_or_none() if group else nullcontext():
-        loop, description = _prepare(images, weighting, config, run, group)
+        loop, description = _prepare(images, weighting, config, run, group, between_steps)
     loop.start()
     loop.run_to_end(progress)
     state = loop.state
@@ -124,12 +148,17 @@ def _prepare(
     config: TrainConfig,
     run: RunFolder,
     group: ProcessGroup | None,
+    between_steps: BetweenSteps | None,
 ) -> tuple["_Loop", FieldDescription]:
     """The photographs in memory and an untrained field."""
     _check(images, config)
     photographs = load_photographs(images, config, run.root / "decoded", group)
     captured, test = photographs.train, photographs.test
     space = choose_space(captured)
+    ignored = weighting.ignored(captured, space)
+    if any(ignored):
+        # nor must their poses, which are trusted least, say where the scene is
+        space = choose_space([image for image, out in zip(captured, ignored, strict=True) if not out])
     device = config.device.resolve()
     on_gpu = device.type == "cuda"
     field = config.field or choose_field(config.image_size, len(captured), space.unbounded, on_gpu)
@@ -144,7 +173,10 @@ def _prepare(
     data.move_to(device)
     identity = _identity(config, weighting, description, optimiser, data)
     identity["processes"] = group.place.processes if group else 1
-    return _Loop(config, space.unbounded, antialiasing, engine, data, test, run, identity, group), description
+    loop = _Loop(
+        config, space.unbounded, antialiasing, engine, data, test, run, identity, group, between_steps
+    )
+    return loop, description
 
 
 class _Loop:
@@ -161,7 +193,9 @@ class _Loop:
         run: RunFolder,
         identity: dict[str, Any],
         group: ProcessGroup | None,
+        between_steps: BetweenSteps | None,
     ) -> None:
+        self._between_steps = between_steps
         self._config, self._data, self._run = config, data, run
         self.engine, self.test = engine, test
         self._group, self._together = group, None
@@ -175,6 +209,8 @@ class _Loop:
         if self._writes and run.checkpoint.exists():
             tensors, self._sampler, self.state = read_checkpoint(run.checkpoint, identity)
             try:
+                if between_steps:
+                    between_steps.load_state(tensors)
                 engine.load_state(tensors)
             except ValueError as error:
                 raise InputError(run.checkpoint, "field", str(error), "delete it to start anew") from error
@@ -185,6 +221,8 @@ class _Loop:
         if self._group:
             self._together = DataParallel(self._group, self.engine)
             self.state = self._together.share(self._sampler, self.state)
+        if self._between_steps:
+            self._between_steps.begin(self._data)
         # a resumed training owes its next checkpoint and curve point from where it stands
         self._saved_s = self._evaluated_s = self.state.seconds
 
@@ -222,6 +260,8 @@ class _Loop:
         if not self._writes:
             return
         tensors = self.engine.state()
+        if self._between_steps:
+            tensors |= self._between_steps.state()
         write_checkpoint(self._run.checkpoint, tensors, self._sampler, self.state, self._identity)
 
     def _step(self, learning_rate_factor: float) -> None:
@@ -233,6 +273,9 @@ class _Loop:
         else:
             draw = self._data.sample_pairs if pairs else self._data.sample
             report = self.engine.train_step(draw(s.rays, self._sampler), learning_rate_factor)
+            if self._between_steps:
+                done = self._config.fraction_done(s.steps, s.seconds)
+                self._between_steps.after_step(self.engine, self._data, s.steps + 1, done)
             took = time.perf_counter() - began
         seconds = s.seconds + took
         error = report.mean_squared_error

@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,9 +28,18 @@ class Weighting(ABC):
         """The final weights, given the largest mean any map of the set has; zero means ignored."""
         return weight_map
 
+    def ignored(self, images: Sequence[CapturedImage], space: SceneSpace) -> list[bool]:  # noqa: ARG002
+        """Which images of a set are not learnt from at all, however their pixels would be weighted."""
+        return [False] * len(images)
+
+    def raw_maps(self, images: Sequence[CapturedImage], space: SceneSpace) -> Iterator[Float[Tensor, "_ _"]]:
+        """Maps of all images of a set before any comparison, zero for those ignored."""
+        for image, ignored in zip(images, self.ignored(images, space), strict=True):
+            yield torch.zeros(image.colour.shape[:2]) if ignored else self.weight_map(image, space)
+
     def weight_maps(self, images: Sequence[CapturedImage], space: SceneSpace) -> list[Float[Tensor, "_ _"]]:
         """Weights of all images of a set."""
-        maps = [self.weight_map(image, space) for image in images]
+        maps = list(self.raw_maps(images, space))
         best = max((float(m.mean()) for m in maps), default=1.0)
         return [self.relative(m, best) for m in maps]
 
@@ -45,51 +54,36 @@ class NoWeights(Weighting):
 
 
 @dataclass(frozen=True)
-class PaperWeights(Weighting):
-    """The paper's equation as printed: ``SIGMOID(γ)``, ``γ = k² π a b``, ``k = √(-2 log(1-CI))``.
-
-    a and b are the standard deviations of the camera's position along the world's x and y axes, in metres,
-    which is what the printed a², b² are (row 8 of the reading notes). The weight **rises** with uncertainty,
-    from 1/2 for an exact pose towards 1, against the paper's own text (row 12), and depends on the unit of
-    length; it is here to be reproduced and compared.
-    """
-
-    confidence: float = 0.95
-    """CI, the probability inside the error ellipse."""
-
-    def gamma(self, image: CapturedImage) -> float:
-        """Area of the horizontal error ellipse [m²]; 0 for an exact pose."""
-        covariance = image.posed.pose_covariance
-        if covariance is None:
-            return 0.0
-        R = image.T_world_camera[:3, :3]
-        position = R @ covariance[3:, 3:] @ R.T
-        k_squared = -2 * math.log(1 - self.confidence)
-        return k_squared * math.pi * math.sqrt(position[0, 0] * position[1, 1])
-
-    def weight_map(self, image: CapturedImage, space: SceneSpace) -> Float[Tensor, "h w"]:  # noqa: ARG002
-        """One number for the whole image (row 13: its own covariance, not its robot's)."""
-        return torch.full(image.colour.shape[:2], 1 / (1 + math.exp(-self.gamma(image))))
-
-
-@dataclass(frozen=True)
 class UncertaintyWeights(Weighting):
     """Inverse variance of the colour a pixel would take if its camera stood elsewhere: ``s₀²/(s₀² + v)``.
 
     v is the variance of the captured image within a Gaussian of σ pixels, σ being how far the pose's
     uncertainty moves the scene's centre in the image (row 16's ``(∂C/∂o) Σ (∂C/∂o)ᵀ``, without its
     linearisation, which does not hold over several pixels). Flat regions stay trusted, edges do not.
+
+    An image displaced by many pixels teaches a wrong scene even where it is flat, so the whole image is
+    ignored if σ exceeds a limit: what others see well is better learnt without it.
     """
 
     colour_variance: float = 0.005
     """s₀²: colour variance of a pixel whose pose is exact."""
     threshold: float = 0.01
     """Weights below this share of the best image become zero (a mean weight of 0.002 still cost 2.7 dB)."""
+    most_sigma_px: float = 1.0
+    """Images with a larger σ, in pixels of the size learnt from, are ignored."""
+    least_kept: float = 0.25
+    """Share of the images that is kept whatever their σ, the best first."""
 
     def weight_map(self, image: CapturedImage, space: SceneSpace) -> Float[Tensor, "h w"]:
         """``s₀²/(s₀² + v)``."""
         variance = local_variance(image.colour_fraction, projected_sigma_px(image, space))
         return torch.from_numpy(self.colour_variance / (self.colour_variance + variance)).float()
+
+    def ignored(self, images: Sequence[CapturedImage], space: SceneSpace) -> list[bool]:
+        """Images whose σ exceeds the limit, but for the best of them."""
+        sigma_px = np.array([projected_sigma_px(image, space) for image in images])
+        limit_px = max(self.most_sigma_px, float(np.quantile(sigma_px, self.least_kept, method="higher")))
+        return [bool(sigma > limit_px) for sigma in sigma_px]
 
     def relative(self, weight_map: Float[Tensor, "h w"], best_mean: float) -> Float[Tensor, "h w"]:
         """Relative to the best image's mean, at most 1, zero below the threshold."""

@@ -1,0 +1,63 @@
+"""Poses that follow the final field while it is learnt."""
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from mulan.radiance.engine import RadianceEngine
+from mulan.reconstruction.posed_pixels import PosedPixels
+from mulan.reconstruction.refinement.gauss_newton import PoseState, gauss_newton_step
+from mulan.reconstruction.refinement.refinement_config import RefinementConfig
+
+
+class PoseTracker:
+    """Called between the steps of a training; moves the uncertain images now and then."""
+
+    def __init__(self, state: PoseState, config: RefinementConfig, seed: int) -> None:
+        """Follow from where registration left the poses.
+
+        Args:
+            state: Poses, changed in place.
+            config: When and how accurately.
+            seed: Of the pixels compared.
+        """
+        self._state, self._config = state, config
+        self._random = torch.Generator().manual_seed(seed + 4)
+
+    def begin(self, data: PosedPixels) -> None:
+        """Let the photographs stand at the tracked poses."""
+        self._state.place(data)
+
+    def after_step(self, engine: RadianceEngine, data: PosedPixels, steps: int, fraction_done: float) -> None:
+        """Move the poses if it is time."""
+        config = self._config
+        if steps % config.final_every or fraction_done > config.final_until:
+            return
+        gauss_newton_step(engine, data, self._state, config.final_rays, config.residual_area_px, self._random)
+        self._state.place(data)
+
+    def state(self) -> dict[str, Tensor]:
+        """What a checkpoint must keep."""
+        s = self._state
+        return {
+            "poses.T_world_camera": torch.from_numpy(s.T.copy()),
+            "poses.damping": torch.from_numpy(s.damping.copy()),
+            "poses.generator": self._random.get_state(),
+        }
+
+    def load_state(self, saved: dict[str, Tensor]) -> None:
+        """Restore what :meth:`state` gave and take it out.
+
+        Raises:
+            ValueError: Something is missing, or belongs to other images.
+        """
+        s = self._state
+        try:
+            T, damping = (saved.pop(f"poses.{name}").numpy() for name in ("T_world_camera", "damping"))
+            generator = saved.pop("poses.generator")
+        except KeyError as error:
+            raise ValueError(f"the saved training lacks {error}") from error
+        if T.shape != s.T.shape or not np.isfinite(T).all():
+            raise ValueError("the saved poses are of other images")
+        s.T, s.damping = T.copy(), damping.copy()
+        self._random.set_state(generator)

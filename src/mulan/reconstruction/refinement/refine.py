@@ -1,0 +1,151 @@
+"""Learn a field from images whose poses are uncertain, and correct the poses as it is learnt."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from numpy.typing import NDArray
+
+from mulan.errors import InputError
+from mulan.mission.nerfstudio import write_transforms
+from mulan.mission.posed_images import PosedImageSet
+from mulan.mission.run_folder import RunFolder
+from mulan.reconstruction.captured_image import load_captured
+from mulan.reconstruction.dataset import ImageTensors
+from mulan.reconstruction.refinement.gauss_newton import PoseState, posterior_covariance
+from mulan.reconstruction.refinement.pose_prior import PosePrior
+from mulan.reconstruction.refinement.pose_tracker import PoseTracker
+from mulan.reconstruction.refinement.refinement_config import RefinementConfig
+from mulan.reconstruction.refinement.registered_file import read_registered, write_registered
+from mulan.reconstruction.refinement.registration import register
+from mulan.reconstruction.train_config import TrainConfig
+from mulan.reconstruction.trainer import TrainingResult, TrainingStatus, train
+from mulan.reconstruction.weights import Weighting
+
+Progress = Callable[[float, float, str], None]
+"""Done, total, a few words."""
+
+
+REFINED = "transforms_refined.json"
+
+
+@dataclass(frozen=True)
+class RefinedTraining:
+    """A field and the poses it was learnt from.
+
+    Attributes:
+        training: The field.
+        images: The photographs at their refined poses, with the posterior's covariance.
+        registration_seconds: Spent before the final field was begun.
+    """
+
+    training: TrainingResult
+    images: PosedImageSet
+    registration_seconds: float
+
+
+def pose_state(images: PosedImageSet) -> PoseState | None:
+    """Where the images of unsure pose are, as localization says; None if every pose is exact."""
+    image = np.array(
+        [i for i, each in enumerate(images.train) if each.pose_covariance is not None], dtype=int
+    )
+    if not len(image):
+        return None
+    chosen = [images.train[i] for i in image]
+    names = [each.robot_id or "" for each in chosen]
+    robots = sorted(set(names))
+    blocks = np.stack([each.pose_covariance for each in chosen if each.pose_covariance is not None])
+    joint = images.joint_pose_covariance
+    prior = PosePrior(
+        np.stack([each.T_world_camera for each in chosen]),
+        np.array([robots.index(name) for name in names]),
+        blocks if joint is None else joint,
+    )
+    return PoseState.at_prior(image, prior)
+
+
+def at_poses(
+    images: PosedImageSet, state: PoseState, covariance: Float[NDArray, "n 6 6"] | None
+) -> PosedImageSet:
+    """The set with its uncertain images moved; without a covariance they count as exact."""
+    train = list(images.train)
+    for k, i in enumerate(state.image):
+        block = None if covariance is None else covariance[k]
+        train[i] = replace(train[i], T_world_camera=state.T[k], pose_covariance=block)
+    return replace(images, train=tuple(train), joint_pose_covariance=None)
+
+
+def refine_and_train(
+    images: PosedImageSet,
+    weighting: Weighting,
+    config: TrainConfig,
+    refinement: RefinementConfig,
+    run: RunFolder,
+    progress: Progress,
+) -> RefinedTraining:
+    """Register the uncertain images coarse to fine, then learn the field, its poses following.
+
+    Writes ``registered.safetensors`` (poses after registration, so that an interrupted run goes on from
+    there), what :func:`mulan.reconstruction.trainer.train` writes, and ``transforms_refined.json`` with the
+    poses and their posterior covariance.
+
+    Args:
+        images: Photographs; those without covariance are exact and stay.
+        weighting: Of the pixels in the final field.
+        config: Of the final training.
+        refinement: How poses are corrected.
+        run: Folder to write to.
+        progress: Called after every step of either part.
+
+    Raises:
+        InputError: See :func:`mulan.reconstruction.trainer.train`; or no image is exact and none is better
+            known than another, so nothing holds the frame.
+    """
+    state = pose_state(images)
+
+    def follow(status: TrainingStatus) -> None:
+        rate = status.samples / max(status.seconds, 1e-9) / 1e6
+        progress(status.fraction_done, 1, f"train {status.train_psnr_db:.1f} dB, {rate:.2f} M samples/s")
+
+    if state is None:
+        return RefinedTraining(train(images, weighting, config, run, follow), images, 0.0)
+    if config.device.resolve().type == "cuda":
+        raise InputError(
+            "--refine-poses", "device", "is a GPU, where it is not built yet", "give --device cpu"
+        )
+    registered = run.root / "registered.safetensors"
+    seconds = read_registered(registered, state, images, refinement, config.seed)
+    if seconds is None:
+        began = time.perf_counter()
+        captured = load_captured(images.train, min(refinement.image_size, config.image_size))
+        register(captured, state, refinement, config.seed, progress)
+        seconds = time.perf_counter() - began
+        write_registered(registered, state, images, refinement, config.seed, seconds)
+    tracker = PoseTracker(state, refinement, config.seed)
+    training = train(at_poses(images, state, None), weighting, config, run, follow, between_steps=tracker)
+    data = ImageTensors(load_captured(images.train, config.image_size))
+    state.place(data)
+    covariance = posterior_covariance(
+        training.engine,
+        data,
+        state,
+        refinement.final_rays,
+        refinement.residual_area_px,
+        torch.Generator().manual_seed(config.seed + 5),
+    )
+    refined = at_poses(images, state, covariance)
+    write_transforms(refined, run.root / REFINED)
+    return RefinedTraining(training, refined, seconds)
+
+
+def median_correction_m(before: PosedImageSet, after: PosedImageSet) -> float:
+    """Median distance uncertain cameras were moved by [m]; 0 if there are none."""
+    moved_m = [
+        float(np.linalg.norm(b.T_world_camera[:3, 3] - a.T_world_camera[:3, 3]))
+        for b, a in zip(before.train, after.train, strict=True)
+        if b.pose_covariance is not None
+    ]
+    return float(np.median(moved_m)) if moved_m else 0.0

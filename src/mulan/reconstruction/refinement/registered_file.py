@@ -1,0 +1,46 @@
+"""Poses after registration on disk."""
+
+import hashlib
+from pathlib import Path
+
+import torch
+
+from mulan.mission.posed_images import PosedImageSet
+from mulan.reconstruction.field_file import read_tensors, write_tensors
+from mulan.reconstruction.refinement.gauss_newton import PoseState
+from mulan.reconstruction.refinement.refinement_config import RefinementConfig
+
+
+def write_registered(
+    path: Path, state: PoseState, images: PosedImageSet, config: RefinementConfig, seed: int, seconds: float
+) -> None:
+    """Write the poses, and what they were made from."""
+    header = {"made_from": _made_from(state, images, config, seed), "seconds": seconds}
+    write_tensors(path, {"T_world_camera": torch.from_numpy(state.T.copy())}, header)
+
+
+def read_registered(
+    path: Path, state: PoseState, images: PosedImageSet, config: RefinementConfig, seed: int
+) -> float | None:
+    """Take over the poses of a file made from the same; seconds they took, None if there is no such file.
+
+    Raises:
+        InputError: The file is damaged.
+    """
+    if not path.exists():
+        return None
+    tensors, header = read_tensors(path)
+    if header.get("made_from") != _made_from(state, images, config, seed):
+        return None
+    state.T = tensors["T_world_camera"].double().numpy().copy()
+    return float(header["seconds"])
+
+
+def _made_from(state: PoseState, images: PosedImageSet, config: RefinementConfig, seed: int) -> str:
+    digest = hashlib.sha256(f"{config} {seed}".encode())
+    for image in images.train:
+        size = image.path.stat().st_size if image.path.exists() else -1
+        digest.update(f"{image.path.name} {size} {image.camera} {image.robot_id}".encode())
+        digest.update(image.T_world_camera.tobytes())
+    digest.update(state.prior.covariance.tobytes())
+    return digest.hexdigest()[:16]

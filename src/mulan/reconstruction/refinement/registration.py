@@ -1,0 +1,101 @@
+"""Coarse to fine: poses and a smooth field by turns, from localization's estimates to a pixel or less."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Bool
+from numpy.typing import NDArray
+
+from mulan.radiance.backend import new_engine
+from mulan.reconstruction.captured_image import CapturedImage
+from mulan.reconstruction.dataset import ImageTensors
+from mulan.reconstruction.field_choice import choose_field, choose_march, choose_optimiser
+from mulan.reconstruction.refinement.anchored import anchored_images
+from mulan.reconstruction.refinement.blurred_images import blurred
+from mulan.reconstruction.refinement.gauss_newton import PoseState, gauss_newton_step
+from mulan.reconstruction.refinement.multi_start import spread_starts
+from mulan.reconstruction.refinement.refinement_config import CoarseStage, RefinementConfig
+from mulan.reconstruction.scene_space import choose_space
+from mulan.reconstruction.trainer import next_rays
+
+Progress = Callable[[float, float, str], None]
+"""Done, total, a few words."""
+
+
+@dataclass
+class _Clock:
+    """Steps done, for the progress display."""
+
+    progress: Progress
+    total: int
+    done: int = 0
+
+    def tick(self, words: str) -> None:
+        self.done += 1
+        self.progress(self.done, self.total, words)
+
+
+def register(
+    images: Sequence[CapturedImage],
+    state: PoseState,
+    config: RefinementConfig,
+    seed: int,
+    progress: Progress,
+) -> None:
+    """Move the uncertain images of a set to where a common field explains all photographs.
+
+    Args:
+        images: Photographs at the registration's size, exact and uncertain ones.
+        state: The uncertain images' poses, changed in place.
+        config: Stages.
+        seed: Of field, batches and starts.
+        progress: Called after every step of the field.
+    """
+    anchored = anchored_images(images)
+    space = choose_space([image for image, known in zip(images, anchored, strict=True) if known])
+    field = choose_field(config.image_size, len(images), space.unbounded)
+    march = choose_march(config.image_size, space.unbounded, quick=True)
+    optimiser = choose_optimiser(space.unbounded, quick=True)
+    engine = new_engine(field, march, space, not space.unbounded, seed, optimiser, torch.device("cpu"))
+    torch_random, random = torch.Generator().manual_seed(seed + 2), np.random.default_rng(seed + 3)
+    clock = _Clock(progress, config.first.steps + sum(stage.steps for stage in config.stages))
+
+    def learn(data: ImageTensors, stage: CoarseStage, pose_every: int | None) -> None:
+        weights = torch.zeros(field.levels)
+        weights[: stage.levels] = 1
+        engine.set_level_weights(weights)
+        rays = 512
+        for step in range(stage.steps):
+            report = engine.train_step(data.sample(rays, torch_random), 1.0)
+            rays = next_rays(rays, report.samples, config.batch_samples)
+            if pose_every and (step + 1) % pose_every == 0:
+                for _ in range(2):
+                    move_poses(data, stage)
+            clock.tick(f"registering, {len(state.image)} images")
+
+    def move_poses(data: ImageTensors, stage: CoarseStage) -> None:
+        area = (2 * stage.blur_px + 1) ** 2 * config.residual_area_px
+        gauss_newton_step(engine, data, state, config.rays, area, torch_random)
+        state.place(data)
+
+    smooth = blurred(images, config.first.blur_px)
+    learn(_tensors(smooth, anchored), config.first, None)
+    data = ImageTensors(smooth)
+    spread_starts(engine, data, state, config.multi_start, random)
+    state.place(data)
+    for _ in range(config.first_pose_steps):
+        move_poses(data, config.first)
+    for stage in config.stages:
+        data = ImageTensors(blurred(images, stage.blur_px))
+        state.place(data)
+        learn(data, stage, config.pose_every)
+
+
+def _tensors(images: Sequence[CapturedImage], drawn: Bool[NDArray, "n"]) -> ImageTensors:
+    """All images, only some of which are learnt from."""
+    maps = [
+        torch.full(image.colour.shape[:2], float(known)) for image, known in zip(images, drawn, strict=True)
+    ]
+    return ImageTensors(images, maps)

@@ -1,0 +1,110 @@
+"""From uncertain poses to a field and corrected poses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mulan.geometry import se3
+from mulan.mission.nerfstudio import read_transforms
+from mulan.mission.posed_images import PosedImageSet
+from mulan.mission.run_folder import RunFolder
+from mulan.radiance.kernels.native_library import find_native_library
+from mulan.reconstruction.captured_image import load_captured
+from mulan.reconstruction.refinement.anchored import anchored_images
+from mulan.reconstruction.refinement.refine import refine_and_train
+from mulan.reconstruction.refinement.refinement_config import CoarseStage, RefinementConfig
+from mulan.reconstruction.train_config import TrainConfig
+from mulan.reconstruction.weights import NoWeights
+from tests.reconstruction.cube_scene import cube_images
+
+QUICK = RefinementConfig(
+    first=CoarseStage(3, 3, 80),
+    stages=(CoarseStage(3, 4, 40), CoarseStage(1, 6, 80)),
+    first_pose_steps=4,
+    rays=128,
+    batch_samples=2**12,
+    final_every=50,
+)
+CONFIG = TrainConfig(image_size=40, steps=200, batch_samples=2**12)
+SIGMA = np.array([0.02, 0.02, 0.02, 0.06, 0.06, 0.06])
+
+
+@pytest.fixture
+def uncertain(tmp_path):
+    """Twelve images of an exact robot and twelve of one that is off, and where the latter were."""
+    folder = tmp_path / "photographs"
+    folder.mkdir()
+    images = cube_images(folder, train=24, test=2, side=40)
+    rng, train = np.random.default_rng(0), []
+    for i, image in enumerate(images.train):
+        if i % 2:
+            T = image.T_world_camera @ se3.exp(SIGMA * rng.normal(size=6))
+            image = replace(image, T_world_camera=T, pose_covariance=np.diag(SIGMA**2))
+        train.append(replace(image, robot_id="beta" if i % 2 else "alpha"))
+    true = np.stack([image.T_world_camera for image in images.train[1::2]])
+    return PosedImageSet(tuple(train), images.test, images.source), true
+
+
+def errors_m(images, true):
+    T = np.stack([image.T_world_camera for image in images.train[1::2]])
+    return np.linalg.norm(T[:, :3, 3] - true[:, :3, 3], axis=1)
+
+
+needs_native = pytest.mark.skipif(find_native_library()[0] is None, reason="slow without the native engine")
+
+
+@needs_native
+def test_poses_come_right_while_the_field_is_learnt(uncertain, tmp_path):
+    images, true = uncertain
+    run = RunFolder(tmp_path / "run")
+    run.root.mkdir()
+    refined = refine_and_train(images, NoWeights(), CONFIG, QUICK, run, lambda *_: None)
+    assert np.median(errors_m(refined.images, true)) < 0.2 * np.median(errors_m(images, true))
+    for before, after in zip(images.train[::2], refined.images.train[::2], strict=True):
+        assert np.array_equal(before.T_world_camera, after.T_world_camera)
+    written = read_transforms(run.root / "transforms_refined.json")
+    assert np.allclose(written.train[1].T_world_camera, refined.images.train[1].T_world_camera)
+    assert written.train[1].pose_covariance is not None
+
+
+@needs_native
+def test_a_stopped_refinement_goes_on_to_the_same_end(uncertain, tmp_path):
+    images, _ = uncertain
+    ends = []
+    for name, stops in (("whole", False), ("stopped", True)):
+        run = RunFolder(tmp_path / name)
+        run.root.mkdir()
+
+        def stop(done, total, words, stops=stops):
+            if stops and words.startswith("train") and done > 0.5:
+                raise KeyboardInterrupt
+
+        if stops:
+            with pytest.raises(KeyboardInterrupt):
+                refine_and_train(images, NoWeights(), CONFIG, QUICK, run, stop)
+        refined = refine_and_train(images, NoWeights(), CONFIG, QUICK, run, lambda *_: None)
+        ends.append(np.stack([image.T_world_camera for image in refined.images.train]))
+    assert np.array_equal(*ends)
+
+
+def test_exact_poses_are_left_alone(tmp_path):
+    images = cube_images(tmp_path, train=6, test=0, side=16)
+    run = RunFolder(tmp_path / "run")
+    run.root.mkdir()
+    config = TrainConfig(image_size=16, steps=3, batch_samples=2**10)
+    refined = refine_and_train(images, NoWeights(), config, QUICK, run, lambda *_: None)
+    assert refined.images is images
+
+
+def test_registration_starts_from_the_robot_known_best(uncertain):
+    images, _ = uncertain
+    known = anchored_images(load_captured(images.train, 16))
+    assert known.tolist() == [True, False] * 12
+    vague = replace(
+        images,
+        train=tuple(
+            replace(i, pose_covariance=np.eye(6) * (1 + (i.robot_id == "beta"))) for i in images.train
+        ),
+    )
+    assert anchored_images(load_captured(vague.train, 16)).tolist() == [True, False] * 12
