@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import torch
 from torch import Tensor
@@ -58,6 +58,7 @@ class TrainingStatus:
     sub_pixels: int = 1
 
 
+@runtime_checkable
 class BetweenSteps(Protocol):
     """Something that acts between the steps of a training, on the training's clock."""
 
