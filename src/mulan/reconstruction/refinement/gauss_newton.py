@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from mulan.geometry import se3
 from mulan.radiance.engine import RadianceEngine
 from mulan.reconstruction.posed_pixels import PosedPixels
+from mulan.reconstruction.refinement.compared_pixels import ComparedPixels
 from mulan.reconstruction.refinement.photometric import (
-    draw_pixels,
     photometric_cost,
     photometric_terms,
 )
@@ -56,23 +56,33 @@ class PoseState:
 
 def gauss_newton_step(
     field: RadianceEngine,
-    data: PosedPixels,
+    compared: ComparedPixels,
     state: PoseState,
     rays: int,
     pixels_a_residual: float,
     generator: torch.Generator,
+    step_share: float = 1.0,
 ) -> Bool[NDArray, "n"]:
     """Move every pose once; each image's move is kept only if its own cost falls on the same pixels.
+
+    Args:
+        field: What the cameras look at.
+        compared: Photographs and the pixels to draw.
+        state: Poses, changed in place.
+        rays: Pixels of each image.
+        pixels_a_residual: Neighbouring pixels whose residuals agree, as an area.
+        generator: Source of randomness.
+        step_share: Share of the step taken; below 1 later steps average the noise of their draws.
 
     Returns:
         Which moves were kept.
     """
-    draw = draw_pixels(data, state.image, rays, pixels_a_residual, generator)
+    data, draw = compared.data, compared.draw(state.image, rays, pixels_a_residual, generator)
     terms = photometric_terms(field, data, draw, state.T)
     precision, residual = state.prior.precision(), state.prior.residual(state.T)
     pull = _times(precision, residual)
     step = _solve(terms.information, state.damping, precision, terms.gradient + pull)
-    T = state.T @ se3.exp(-step)
+    T = state.T @ se3.exp(-step_share * step)
     moved = state.prior.residual(T)
     before = terms.cost + 0.5 * (residual * pull).sum(1)
     after = photometric_cost(field, data, draw, T, terms.sigma) + 0.5 * (
@@ -87,14 +97,14 @@ def gauss_newton_step(
 
 def posterior_covariance(
     field: RadianceEngine,
-    data: PosedPixels,
+    compared: ComparedPixels,
     state: PoseState,
     rays: int,
     pixels_a_residual: float,
     generator: torch.Generator,
 ) -> Float[NDArray, "n 6 6"]:
     """Marginal covariance of each refined pose (Laplace's approximation, the field taken as known)."""
-    draw = draw_pixels(data, state.image, rays, pixels_a_residual, generator)
+    data, draw = compared.data, compared.draw(state.image, rays, pixels_a_residual, generator)
     information = photometric_terms(field, data, draw, state.T).information
     precision = state.prior.precision()
     if not state.prior.is_joint:

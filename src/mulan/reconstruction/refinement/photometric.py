@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from numpy.typing import NDArray
-from torch import Tensor
 
 from mulan.radiance.engine import RadianceEngine, RayBatch
 from mulan.reconstruction.posed_pixels import PosedPixels
+from mulan.reconstruction.refinement.compared_pixels import PixelDraw
 
 CAUCHY = 2.385  # sigmas; 95 % efficient on Gaussian residuals
 _LEAST_SIGMA = 0.004  # an 8-bit photograph is no better known
@@ -32,52 +32,6 @@ class PhotometricTerms:
     sigma: Float[NDArray, "n"]
 
 
-@dataclass(frozen=True)
-class PixelDraw:
-    """Pixels to compare at, the same number in each image, and the axis in colour space to compare along.
-
-    Attributes:
-        image: Images, by their number in the set.
-        pixel: Pixels, numbered through the whole set.
-        axis: Unit vectors; one a pixel costs one backward pass and is unbiased over pixels.
-        independent: What each pixel counts: independent pixels of an image over drawn ones.
-    """
-
-    image: Int[NDArray, "n"]
-    pixel: Int[Tensor, "n r"]
-    axis: Float[Tensor, "n*r 3"]
-    independent: Float[NDArray, "n"]
-
-
-def draw_pixels(
-    data: PosedPixels,
-    image: Int[NDArray, "n"],
-    rays: int,
-    pixels_a_residual: float,
-    generator: torch.Generator,
-) -> PixelDraw:
-    """Pixels drawn uniformly in each image.
-
-    Args:
-        data: The photographs.
-        image: Which of them.
-        rays: Pixels of each.
-        pixels_a_residual: Neighbouring pixels whose residuals agree, as an area; blurred ones share theirs.
-        generator: Source of randomness.
-    """
-    shapes = [data.images[i].colour.shape for i in image]
-    area = torch.tensor([h * w for h, w, _ in shapes])
-    first = torch.tensor([data.first_pixel(int(i)) for i in image])
-    chosen = (torch.rand(len(image), rays, generator=generator) * area[:, None]).long()
-    axis = torch.nn.functional.normalize(torch.randn(len(image) * rays, 3, generator=generator), dim=-1)
-    return PixelDraw(
-        image,
-        first[:, None] + chosen.clamp_max(area[:, None] - 1),
-        axis,
-        area.numpy() / pixels_a_residual / rays,
-    )
-
-
 def photometric_terms(
     field: RadianceEngine,
     data: PosedPixels,
@@ -98,12 +52,12 @@ def photometric_terms(
     n, r = draw.pixel.shape
     rendering, gradients = field.ray_gradients(batch.origins, batch.directions, draw.axis)
     residual = ((rendering.colour - batch.colours) * draw.axis).sum(-1).view(n, r).double().numpy()
-    sigma = residual_sigma(residual) if sigma is None else sigma
+    sigma = residual_sigma(residual, draw.weight) if sigma is None else sigma
     R = torch.from_numpy(T[:, :3, :3]).float()
     turned = torch.cross(batch.directions, gradients.directions, dim=-1).view(n, r, 3)
     J = torch.cat([turned @ R, gradients.origins.view(n, r, 3) @ R], -1).double().numpy()
     scaled = residual / sigma[:, None]
-    trust = draw.independent[:, None] / (1 + (scaled / CAUCHY) ** 2) / sigma[:, None] ** 2
+    trust = draw.weight / (1 + (scaled / CAUCHY) ** 2) / sigma[:, None] ** 2
     information = np.einsum("nr,nra,nrb->nab", trust, J, J)
     gradient = np.einsum("nr,nra->na", trust * residual, J)
     return PhotometricTerms(information, gradient, _cost(scaled, draw), sigma)
@@ -123,19 +77,20 @@ def photometric_cost(
     return _cost(residual / sigma[:, None], draw)
 
 
-def residual_sigma(residual: Float[NDArray, "n r"]) -> Float[NDArray, "n"]:
+def residual_sigma(residual: Float[NDArray, "n r"], weight: Float[NDArray, "n r"]) -> Float[NDArray, "n"]:
     """Robust scale of each image's residuals.
 
     Between the median absolute deviation, which flat background makes vanish, and the root mean square,
     which a few occluded pixels blow up: the root mean square of residuals cut at Cauchy's scale of the
     mean absolute one.
     """
-    cut = CAUCHY * 1.2533 * np.abs(residual).mean(1, keepdims=True)
-    return np.maximum(np.sqrt(np.minimum(residual**2, cut**2).mean(1)), _LEAST_SIGMA)
+    share = weight / weight.sum(1, keepdims=True)
+    cut = CAUCHY * 1.2533 * (share * np.abs(residual)).sum(1, keepdims=True)
+    return np.maximum(np.sqrt((share * np.minimum(residual**2, cut**2)).sum(1)), _LEAST_SIGMA)
 
 
 def _cost(scaled: Float[NDArray, "n r"], draw: PixelDraw) -> Float[NDArray, "n"]:
-    return draw.independent * 0.5 * CAUCHY**2 * np.log1p((scaled / CAUCHY) ** 2).sum(1)
+    return 0.5 * CAUCHY**2 * (draw.weight * np.log1p((scaled / CAUCHY) ** 2)).sum(1)
 
 
 def _rays(data: PosedPixels, draw: PixelDraw, T: Float[NDArray, "n 4 4"]) -> RayBatch:

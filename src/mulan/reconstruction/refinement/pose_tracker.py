@@ -6,6 +6,7 @@ from torch import Tensor
 
 from mulan.radiance.engine import RadianceEngine
 from mulan.reconstruction.posed_pixels import PosedPixels
+from mulan.reconstruction.refinement.compared_pixels import ComparedPixels
 from mulan.reconstruction.refinement.gauss_newton import PoseState, gauss_newton_step
 from mulan.reconstruction.refinement.refinement_config import RefinementConfig
 
@@ -22,18 +23,30 @@ class PoseTracker:
             seed: Of the pixels compared.
         """
         self._state, self._config = state, config
+        self._compared: ComparedPixels | None = None
         self._random = torch.Generator().manual_seed(seed + 4)
 
     def begin(self, data: PosedPixels) -> None:
         """Let the photographs stand at the tracked poses."""
+        self._compared = ComparedPixels(data)
         self._state.place(data)
 
     def after_step(self, engine: RadianceEngine, data: PosedPixels, steps: int, fraction_done: float) -> None:
         """Move the poses if it is time."""
         config = self._config
-        if steps % config.final_every or fraction_done > config.final_until:
+        if steps % config.final_every or not config.final_from <= fraction_done <= config.final_until:
             return
-        gauss_newton_step(engine, data, self._state, config.final_rays, config.residual_area_px, self._random)
+        assert self._compared is not None
+        share = max(1 - fraction_done / config.final_until, config.least_step_share)
+        gauss_newton_step(
+            engine,
+            self._compared,
+            self._state,
+            config.final_rays,
+            config.residual_area_px,
+            self._random,
+            share,
+        )
         self._state.place(data)
 
     def state(self) -> dict[str, Tensor]:

@@ -15,6 +15,7 @@ from mulan.mission.posed_images import PosedImageSet
 from mulan.mission.run_folder import RunFolder
 from mulan.reconstruction.captured_image import load_captured
 from mulan.reconstruction.dataset import ImageTensors
+from mulan.reconstruction.refinement.compared_pixels import ComparedPixels
 from mulan.reconstruction.refinement.gauss_newton import PoseState, posterior_covariance
 from mulan.reconstruction.refinement.pose_prior import PosePrior
 from mulan.reconstruction.refinement.pose_tracker import PoseTracker
@@ -126,11 +127,10 @@ def refine_and_train(
         write_registered(registered, state, images, refinement, config.seed, seconds)
     tracker = PoseTracker(state, refinement, config.seed)
     training = train(at_poses(images, state, None), weighting, config, run, follow, between_steps=tracker)
-    data = ImageTensors(load_captured(images.train, config.image_size))
-    state.place(data)
+    compared = ComparedPixels(ImageTensors(load_captured(images.train, config.image_size)))
     covariance = posterior_covariance(
         training.engine,
-        data,
+        compared,
         state,
         refinement.final_rays,
         refinement.residual_area_px,

@@ -31,16 +31,20 @@ class RefinementConfig:
     """How starts are drawn from the prior."""
     first_pose_steps: int = 8
     """Gauss-Newton steps before the best-known robot's field."""
-    pose_every: int = 25
+    pose_every: int = 10
     """Steps of the field between two Gauss-Newton steps of registration."""
     rays: int = 256
     """Pixels of each image in a Gauss-Newton step."""
     batch_samples: int = 2**14
     """Field evaluations a step of registration."""
-    final_every: int = 250
+    final_every: int = 75
     """Steps of the final field between two Gauss-Newton steps."""
     final_rays: int = 384
     """Pixels of each image in one of these."""
+    least_step_share: float = 0.1
+    """Of a Gauss-Newton step, the share the last ones take; it shrinks to that during the training."""
+    final_from: float = 0.2
+    """Share of the final training before which poses rest: a field that is still a blur misleads them."""
     final_until: float = 0.85
     """Share of the final training after which poses rest."""
     residual_area_px: float = 4.0

@@ -14,6 +14,7 @@ from mulan.reconstruction.dataset import ImageTensors
 from mulan.reconstruction.field_choice import choose_field, choose_march, choose_optimiser
 from mulan.reconstruction.refinement.anchored import anchored_images
 from mulan.reconstruction.refinement.blurred_images import blurred
+from mulan.reconstruction.refinement.compared_pixels import ComparedPixels
 from mulan.reconstruction.refinement.gauss_newton import PoseState, gauss_newton_step
 from mulan.reconstruction.refinement.multi_start import spread_starts
 from mulan.reconstruction.refinement.refinement_config import CoarseStage, RefinementConfig
@@ -62,7 +63,7 @@ def register(
     torch_random, random = torch.Generator().manual_seed(seed + 2), np.random.default_rng(seed + 3)
     clock = _Clock(progress, config.first.steps + sum(stage.steps for stage in config.stages))
 
-    def learn(data: ImageTensors, stage: CoarseStage, pose_every: int | None) -> None:
+    def learn(data: ImageTensors, stage: CoarseStage, compared: ComparedPixels | None = None) -> None:
         weights = torch.zeros(field.levels)
         weights[: stage.levels] = 1
         engine.set_level_weights(weights)
@@ -70,27 +71,27 @@ def register(
         for step in range(stage.steps):
             report = engine.train_step(data.sample(rays, torch_random), 1.0)
             rays = next_rays(rays, report.samples, config.batch_samples)
-            if pose_every and (step + 1) % pose_every == 0:
-                for _ in range(2):
-                    move_poses(data, stage)
+            if compared and (step + 1) % config.pose_every == 0:
+                move_poses(compared, stage)
             clock.tick(f"registering, {len(state.image)} images")
 
-    def move_poses(data: ImageTensors, stage: CoarseStage) -> None:
+    def move_poses(compared: ComparedPixels, stage: CoarseStage) -> None:
         area = (2 * stage.blur_px + 1) ** 2 * config.residual_area_px
-        gauss_newton_step(engine, data, state, config.rays, area, torch_random)
-        state.place(data)
+        gauss_newton_step(engine, compared, state, config.rays, area, torch_random)
+        state.place(compared.data)
 
     smooth = blurred(images, config.first.blur_px)
-    learn(_tensors(smooth, anchored), config.first, None)
+    learn(_tensors(smooth, anchored), config.first)
     data = ImageTensors(smooth)
     spread_starts(engine, data, state, config.multi_start, random)
     state.place(data)
+    compared = ComparedPixels(data)
     for _ in range(config.first_pose_steps):
-        move_poses(data, config.first)
+        move_poses(compared, config.first)
     for stage in config.stages:
         data = ImageTensors(blurred(images, stage.blur_px))
         state.place(data)
-        learn(data, stage, config.pose_every)
+        learn(data, stage, ComparedPixels(data))
 
 
 def _tensors(images: Sequence[CapturedImage], drawn: Bool[NDArray, "n"]) -> ImageTensors:
