@@ -28,7 +28,7 @@ def motion(rng):
     T = se3.from_parts(np.tile(np.eye(3), (len(time_s), 1, 1)), path_m)
     truth_deg = np.degrees(np.arctan2(*(SOURCE_M - antenna_m.mean(0))[[1, 0]]))
     return (
-        PoseTrack(time_s, T, None),
+        PoseTrack(time_s, T),
         packets_s,
         [np.round(90 * h / np.abs(h).max()) for h in sides],
         truth_deg,
@@ -85,7 +85,7 @@ def test_another_chips_files_give_the_same_bearing(files, capsys):
     pytest.importorskip("csiread", reason="the extra csi is not installed")
     folder, truth_deg = files
     track, packets_s, sides, _ = motion(np.random.default_rng(0))
-    shifted = PoseTrack(track.time_s - 1_600_000_000.0, track.T_world_body, None)
+    shifted = PoseTrack(track.time_s - 1_600_000_000.0, track.T_world_body)
     write_tum(shifted, folder / "path.tum")
     atheros_file(folder / "moving.dat", packets_s, sides[0])
     atheros_file(folder / "static.dat", packets_s + 5.0, sides[1])
@@ -115,7 +115,7 @@ def test_one_file_alone_is_described_and_the_remedy_told(files):
 def test_a_path_on_another_clock_is_refused(files):
     folder, _ = files
     track, *_ = motion(np.random.default_rng(0))
-    write_tum(PoseTrack(track.time_s - 1e9, track.T_world_body, None), folder / "path.tum")
+    write_tum(PoseTrack(track.time_s - 1e9, track.T_world_body), folder / "path.tum")
     with pytest.raises(InputError, match="nothing in common with the packets"):
         run_command(arguments(folder))
 

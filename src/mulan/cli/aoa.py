@@ -38,7 +38,7 @@ class Options:
     """Draw the profile of a recording, with the directions found and what is claimed about them."""
 
     file: Annotated[Path, tyro.conf.Positional]
-    """A decoded run (.npz), a run folder with .dat files, a mission bag (.mcap or rosbag2 folder), or a card's
+    """A decoded run (.npz), a run folder with .dat files, a mission bag (.mcap, rosbag2 folder), or a card's
     file of any supported chip, which needs --reply and --path."""
     out: Path = Path("aoa.png")
     """Picture to write."""
@@ -103,7 +103,7 @@ def robots_of_cards(options: Options) -> Mission:
     """The robots that a card's file, its replies and a path make.
 
     Raises:
-        InputError: A file cannot be read, or the replies or the path are not given; the file is then described.
+        InputError: A file cannot be read, or the replies or the path are not given (the file is described).
     """
     if options.reply is not None and options.path is not None:
         robots = card_robots(options.file, options.reply, options.path, options.card, options.reply_card)
