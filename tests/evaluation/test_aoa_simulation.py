@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from mulan.cli import evaluate
+from mulan.evaluation.aoa_metric.sweep import AoaMetricConfig, ErrorVariance, variance_in_windows
 from mulan.evaluation.aoa_simulation.bounds import direction_bound, phase_information
 from mulan.evaluation.aoa_simulation.links import loop, random_direction, simulate_link
 from mulan.evaluation.aoa_simulation.trials import run_trial
@@ -21,7 +22,9 @@ def test_aoa_simulation_writes_figures_with_their_provenance(tmp_path):
 def test_aoa_metric_writes_figures_and_a_calibration(tmp_path):
     assert evaluate.main(["aoa-metric", "--out", str(tmp_path), "--quick"]) == 0
     metrics = json.loads((tmp_path / "metrics.json").read_text())
-    assert metrics["apertures"][0]["links"] == 20
+    (aperture,) = metrics["apertures"]
+    assert aperture["links"] == 20
+    assert {"power_law", "power_law_of_absolute_error"} <= set(aperture)
     assert load_kappa_calibration(tmp_path / "kappa-calibration-0.2m.json").links == 20
     assert (tmp_path / "aoa-metric.png").stat().st_size > 1000
 
@@ -40,6 +43,15 @@ def test_errors_are_near_the_bound():
         bound = direction_bound(link.position_m, link.direction, 5.0, 0.3)
         ratio.append(trial.top_error_rad @ np.linalg.solve(bound, trial.top_error_rad) / 2)
     assert 0.6 < np.sqrt(np.mean(ratio)) < 1.5
+
+
+def test_both_variances_of_the_error_are_what_they_are_called():
+    metric, error = np.linspace(1, 2, 400), np.tile([0.1, 0.3], 200)
+    config = AoaMetricConfig()
+    _, square = variance_in_windows(metric, error, config)
+    _, absolute = variance_in_windows(metric, error, config, ErrorVariance.OF_ABSOLUTE)
+    np.testing.assert_allclose(square, 0.05, rtol=0.1)
+    np.testing.assert_allclose(absolute, 0.01, rtol=0.1)
 
 
 def test_power_law_of_the_metric_is_recovered_and_read_back(tmp_path):

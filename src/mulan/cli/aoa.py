@@ -11,20 +11,26 @@ from rich.markup import escape
 from rich.table import Table
 
 from mulan.cli.calibration_option import calibrated
+from mulan.cli.link_faults import print_faults
 from mulan.cli.progress import console, progress_bar
 from mulan.errors import InputError
 from mulan.evaluation.aoa.truth import true_azimuth
 from mulan.geometry import se3
 from mulan.mission.bag_reader import read_mission
 from mulan.mission.types import Mission
+from mulan.wireless.antenna_faults import antenna_faults
 from mulan.wireless.azimuth_density import azimuth_mixture, wrapped
 from mulan.wireless.bearing import BearingConfig, KeepProfile, estimate_bearings
 from mulan.wireless.directions import azimuth_elevation
 from mulan.wireless.link_bearing import DisplacementSource, link_bearing
 from mulan.wireless.profile_picture import DrawnBearing, draw_profiles
+from mulan.wireless.recordings.card_robots import card_robots
+from mulan.wireless.recordings.further_chips import CsiFileOptions, read_csi_file
 from mulan.wireless.recordings.wsr import WsrRun, read_wsr_run
 from mulan.wireless.recordings.wsr_raw import read_wsr_raw
 from mulan.wireless.types import Bearing
+
+_BAG_SUFFIXES = (".mcap", ".db3", ".bag")
 
 
 @dataclass(frozen=True)
@@ -32,13 +38,22 @@ class Options:
     """Draw the profile of a recording, with the directions found and what is claimed about them."""
 
     file: Annotated[Path, tyro.conf.Positional]
-    """A decoded run (.npz), a run folder with .dat files, or a mission bag (.mcap or rosbag2 folder)."""
+    """A decoded run (.npz), a run folder with .dat files, a mission bag (.mcap, rosbag2 folder), or a card's
+    file of any supported chip, which needs --reply and --path."""
     out: Path = Path("aoa.png")
     """Picture to write."""
     link: str = ""
     """Only this static robot of a run; of a bag, OBSERVER:PEER. All links (bags: all pairs) unless given."""
     source: tyro.conf.EnumChoicesFromValues[DisplacementSource] = DisplacementSource.MOCAP
     """Of a run: where the moving antenna's path comes from."""
+    reply: Path | None = None
+    """Of a card's file: the file of the static robot's card, which received the replies."""
+    path: Path | None = None
+    """Of a card's file: poses of the moving antenna on that card's clock (TUM text: t x y z qx qy qz qw)."""
+    card: CsiFileOptions = field(default_factory=CsiFileOptions)
+    """What the card's file does not say of itself."""
+    reply_card: CsiFileOptions = field(default_factory=CsiFileOptions)
+    """What the file of the replies does not say of itself."""
     at: float | None = None
     """Of a bag: draw each pair's bearing nearest to this many seconds after its first, not its sharpest."""
     calibration: Path | None = None
@@ -82,6 +97,28 @@ def _truth_in_bag(mission: Mission, bearing: Bearing) -> float | None:
     antenna = bearing.T_odom_body[:3, :3] @ observer.wifi_antenna_body_m + bearing.T_odom_body[:3, 3]
     origin = bearing.origin_odom_m if bearing.origin_odom_m is not None else antenna
     return float(np.arctan2(*(target - origin)[[1, 0]]))
+
+
+def robots_of_cards(options: Options) -> Mission:
+    """The robots that a card's file, its replies and a path make.
+
+    Raises:
+        InputError: A file cannot be read, or the replies or the path are not given (the file is described).
+    """
+    if options.reply is not None and options.path is not None:
+        robots = card_robots(options.file, options.reply, options.path, options.card, options.reply_card)
+        return Mission(robots)
+    track = read_csi_file(options.file, options.card)
+    dead = "".join(f", antenna {f.antenna + 1} is {f.kind.value}" for f in antenna_faults(track))
+    folder = ""
+    if options.file.suffix == ".dat" and any(options.file.parent.glob("rx_trajectory_*.csv")):
+        folder = f"give its run folder, {options.file.parent}, or "
+    raise InputError(
+        options.file,
+        "recording",
+        f"holds one direction of one robot only ({len(track.time_s)} packets{dead})",
+        f"{folder}give the other robot's file by --reply and the antenna's path by --path",
+    )
 
 
 def bearings_of_bag(mission: Mission, options: Options) -> list[DrawnBearing]:
@@ -153,17 +190,12 @@ def main(arguments: Sequence[str]) -> int:
     options = replace(options, bearings=calibrated(options.bearings, options.calibration))
     if not options.file.exists():
         raise InputError(options.file, "recording", "does not exist", "check the path")
-    if options.file.suffix == ".dat":
-        raise InputError(
-            options.file,
-            "recording",
-            "holds one direction of one robot only",
-            f"give its run folder, {options.file.parent}",
-        )
     if options.file.suffix == ".npz":
         drawn = bearings_of_run(read_wsr_run(options.file), options)
     elif options.file.is_dir() and any(options.file.glob("*.dat")):
         drawn = bearings_of_run(read_wsr_raw(options.file), options)
+    elif options.file.is_file() and options.file.suffix not in _BAG_SUFFIXES:
+        drawn = bearings_of_bag(robots_of_cards(options), options)
     else:
         drawn = bearings_of_bag(read_mission(options.file), options)
     if not drawn:
@@ -174,6 +206,7 @@ def main(arguments: Sequence[str]) -> int:
             "record packets both ways while one robot moves along a curve and the other stands still",
         )
     print_hypotheses(drawn)
+    print_faults([entry.bearing for entry in drawn])
     draw_profiles(drawn, options.out)
     console.print(f"Picture: [bold]{options.out}[/]")
     return 0

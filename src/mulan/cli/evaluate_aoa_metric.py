@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
 from mulan.cli.progress import console, progress_stages
 from mulan.evaluation.aoa_metric.protocol import METRICS, PICTURE, evaluate_aoa_metric
-from mulan.evaluation.aoa_metric.sweep import AoaMetricConfig
+from mulan.evaluation.aoa_metric.sweep import LAWS, AoaMetricConfig
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,11 @@ class Options:
     """Size of the sweep."""
 
 
+def _law(laws: dict[str, Any]) -> str:
+    law = laws["kappa_paper"]
+    return f"b = {law['exponent']:.2f}, r² = {law['r_squared']:.2f}" if law else "too few windows"
+
+
 def main(arguments: Sequence[str]) -> int:
     """Sweep, write, tell."""
     options = tyro.cli(Options, args=arguments, prog="mulan evaluate aoa-metric")
@@ -33,11 +38,11 @@ def main(arguments: Sequence[str]) -> int:
     with progress_stages() as stage:
         metrics = evaluate_aoa_metric(config, options.out, stage("sweeping phase noise"))
     for aperture in metrics["apertures"]:
-        law = aperture["power_law"]["kappa_paper"]
-        fitted = f"b = {law['exponent']:.2f}, r² = {law['r_squared']:.2f}" if law else "too few windows"
         rank = aperture["spearman_with_abs_error"]
+        square, absolute = (_law(aperture[law]) for law in LAWS)
         console.print(
-            f"{aperture['extent_m']:g} m: kappa_paper {fitted}, "
+            f"{aperture['extent_m']:g} m: kappa_paper {square} for the mean square error, "
+            f"{absolute} for the variance of the absolute error, "
             f"Spearman {rank['kappa_paper']:.2f} (ours {rank['ours']:.2f})"
         )
     console.print(f"Metrics: [bold]{options.out / METRICS}[/], picture: [bold]{options.out / PICTURE}[/]")

@@ -9,6 +9,7 @@ import tyro
 from rich.table import Table
 
 from mulan.cli.calibration_option import calibrated
+from mulan.cli.link_faults import print_faults
 from mulan.cli.progress import console, progress_bar
 from mulan.localization.accuracy import RobotAccuracy, accuracy, world_from_truth
 from mulan.localization.localize import LocalizationConfig, localize
@@ -86,6 +87,7 @@ def localize_bag(bag: Path, run: RunFolder, options: Options) -> None:
         f"{len(localization.bearings)} bearings ({outliers} set aside) and {len(localization.ranges)} ranges"
     )
     print_verdict(localization)
+    print_faults(localization.bearings)
     if figures := accuracy(localization, mission):
         print_accuracy(figures)
 

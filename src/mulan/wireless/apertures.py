@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from mulan.geometry import se3
 from mulan.mission.types import OdometryTrack, RobotLog
 from mulan.wireless.channel import PacketPairs
+from mulan.wireless.link_faults import LinkFault, faults_during
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,7 @@ class Aperture:
         wavelength_m: Carrier wavelength.
         reference: Index of the packet at the reference instant (the middle one).
         T_odom_body: Observer's body pose there.
+        faults: What was found to be wrong with these packets.
     """
 
     observer: str
@@ -50,6 +52,7 @@ class Aperture:
     wavelength_m: float
     reference: int
     T_odom_body: Float[NDArray, "4 4"]
+    faults: tuple[LinkFault, ...] = ()
 
 
 def antenna_path(
@@ -127,6 +130,7 @@ def find_apertures(
                     pairs.wavelength_m,
                     reference,
                     T,
+                    faults_during(pairs.faults, time_s),
                 )
             )
     return found

@@ -77,6 +77,8 @@ class BearingConfig:
     """Floor of a bearing's standard deviation: antenna calibration, packet and odometry clocks."""
     level: LevelPosteriorConfig = field(default_factory=LevelPosteriorConfig)
     """How level apertures are judged where reflections show."""
+    undo_phase_jumps: bool = False
+    """Turn back quarter and half turns of a card's phase that are found; else they are only told."""
     calibration: AzimuthCalibration = field(default_factory=AzimuthCalibration)
     """Learned corrections of what a bearing claims; none by default ('mulan calibrate' makes them)."""
 
@@ -269,6 +271,7 @@ def bearing_of_aperture(
         packets=len(aperture.channel),
         profile=profile,
         origin_odom_m=aperture.position_odom_m.mean(0),
+        faults=aperture.faults,
     )
     return config.calibration.applied(bearing)
 
@@ -307,7 +310,7 @@ def estimate_bearings(
     for first, second in combinations(robots, 2):
         if second.name not in first.csi and first.name not in second.csi:
             continue
-        pairs = pair_packets(first, second)
+        pairs = pair_packets(first, second, config.undo_phase_jumps)
         work += [(first, second, a) for a in find_apertures(pairs, first, second, config.aperture)]
         work += [(second, first, a) for a in find_apertures(pairs.swapped(), second, first, config.aperture)]
     bearings: list[Bearing] = []

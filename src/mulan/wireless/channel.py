@@ -8,11 +8,14 @@ from numpy.typing import NDArray
 
 from mulan.errors import InputError
 from mulan.mission.types import CsiTrack, RobotLog
+from mulan.wireless.link_faults import LinkFault, jump_faults, track_faults
+from mulan.wireless.packet_delay import band_centre_hz, channel_at_centre, freed_of_delay
 from mulan.wireless.pairing import pair_indices
+from mulan.wireless.phase_jumps import round_trip_jumps
+
+__all__ = ["PacketPairs", "channel_at_centre", "freed_of_delay", "pair_packets", "usable_packets"]
 
 SPEED_OF_LIGHT_M_S = 299_792_458.0
-_MAX_DELAY_S = 400e-9  # packet detection jitter is a few 50 ns samples
-_DELAY_STEP_S = 10e-9  # a sixth of a 20 MHz band's resolution, so Newton starts on the main lobe
 _FEWEST_TO_JUDGE = 10
 
 
@@ -26,6 +29,7 @@ class PacketPairs:
         channel: Forward x reverse channel of every subcarrier, each direction freed of its own delay, so that
             all refer to the band centre; carrier offset and timing cancelled.
         wavelength_m: At the band centre.
+        faults: What was found to be wrong and forbids no bearing.
     """
 
     observer: str
@@ -34,10 +38,17 @@ class PacketPairs:
     peer_time_s: Float[NDArray, "n"]
     channel: Complex[NDArray, "n s"]
     wavelength_m: float
+    faults: tuple[LinkFault, ...] = ()
 
     def swapped(self) -> "PacketPairs":
         """The same packets seen from the peer."""
         order = np.argsort(self.peer_time_s, kind="stable")
+        faults = tuple(
+            fault
+            if fault.time_s is None
+            else replace(fault, time_s=float(np.interp(fault.time_s, self.time_s, self.peer_time_s)))
+            for fault in self.faults
+        )
         return PacketPairs(
             self.peer,
             self.observer,
@@ -45,41 +56,8 @@ class PacketPairs:
             self.time_s[order],
             self.channel[order],
             self.wavelength_m,
+            faults,
         )
-
-
-def band_centre_hz(subcarrier_hz: Float[NDArray, "s"]) -> float:
-    """Middle of the band (the carrier, for a symmetric grouping)."""
-    return float(subcarrier_hz.min() + subcarrier_hz.max()) / 2
-
-
-def freed_of_delay(
-    channel: Complex[NDArray, "n s"], subcarrier_hz: Float[NDArray, "s"]
-) -> Complex[NDArray, "n s"]:
-    """Each packet's channel with its linear phase over the subcarriers removed about the band centre.
-
-    The delay is the one with the strongest coherent sum (a search and two Newton steps), so no phase is ever
-    unwrapped. What differs between subcarriers afterwards is multipath and noise.
-    """
-    offset = 2 * np.pi * (subcarrier_hz - band_centre_hz(subcarrier_hz))
-    delays = np.arange(-_MAX_DELAY_S, _MAX_DELAY_S + _DELAY_STEP_S / 2, _DELAY_STEP_S)
-    spectrum = np.abs(channel @ np.exp(1j * np.outer(offset, delays)))
-    delay = delays[spectrum.argmax(1)]
-    for _ in range(2):
-        turned = channel * np.exp(1j * np.outer(delay, offset))
-        total, first, second = turned.sum(1), turned @ (1j * offset), turned @ (-(offset**2))
-        slope = 2 * (first * total.conj()).real
-        curvature = 2 * ((second * total.conj()).real + np.abs(first) ** 2)
-        step = np.where(curvature < 0, -slope / np.where(curvature < 0, curvature, -1.0), 0.0)
-        delay = delay + np.clip(step, -_DELAY_STEP_S, _DELAY_STEP_S)
-    return channel * np.exp(1j * np.outer(delay, offset))
-
-
-def channel_at_centre(
-    channel: Complex[NDArray, "n s"], subcarrier_hz: Float[NDArray, "s"]
-) -> Complex[NDArray, "n"]:
-    """Each packet's channel at the band centre: the average over subcarriers freed of the delay."""
-    return freed_of_delay(channel, subcarrier_hz).mean(1)
 
 
 def usable_packets(track: CsiTrack, receiver: str) -> Bool[NDArray, "n"]:
@@ -114,14 +92,19 @@ def _rows(track: CsiTrack, rows: Int[NDArray, "k"]) -> CsiTrack:
     )
 
 
-def pair_packets(observer: RobotLog, peer: RobotLog) -> PacketPairs:
+def pair_packets(observer: RobotLog, peer: RobotLog, undo_phase_jumps: bool = False) -> PacketPairs:
     """Pair packets and multiply both directions, which cancels the CFO (readings.md, row 5).
 
     Packets pair by frame counter, by time where no counter matches.
 
+    Args:
+        observer: Whose clock counts.
+        peer: The other robot.
+        undo_phase_jumps: Turn back the quarter and half turns that are found, instead of only telling.
+
     Raises:
-        InputError: A direction is missing or dead, the bands differ, or no counter occurs on both
-            sides and the times do not tell which packets belong together.
+        InputError: A direction is missing or dead, the bands differ, no counter occurs on both
+            sides and the times do not tell which packets belong together, or the phase keeps jumping.
     """
     for receiver, sender in ((observer, peer), (peer, observer)):
         if sender.name not in receiver.csi:
@@ -141,10 +124,23 @@ def pair_packets(observer: RobotLog, peer: RobotLog) -> PacketPairs:
         )
     keep_forward = np.flatnonzero(usable_packets(forward, observer.name))
     keep_reverse = np.flatnonzero(usable_packets(reverse, peer.name))
+    faults = track_faults(forward, observer.name) + track_faults(reverse, peer.name)
     i, j = pair_indices(_rows(forward, keep_forward), _rows(reverse, keep_reverse))
     i, j = keep_forward[i], keep_reverse[j]
-    product = freed_of_delay(forward.channel[i, 0], forward.subcarrier_hz) * freed_of_delay(
-        reverse.channel[j, 0], reverse.subcarrier_hz
+    sides = forward.channel[i, 0], reverse.channel[j, 0]
+    hz = forward.subcarrier_hz
+    product = freed_of_delay(sides[0], hz) * freed_of_delay(sides[1], hz)
+    jumps = round_trip_jumps(*sides, hz)
+    source = f"/{observer.name}/csi/{peer.name} with its replies"
+    faults += jump_faults(jumps, source, forward.time_s[i], undo_phase_jumps)
+    if undo_phase_jumps:
+        product = jumps.undone(product)
+    return PacketPairs(
+        observer.name,
+        peer.name,
+        forward.time_s[i],
+        reverse.time_s[j],
+        product,
+        SPEED_OF_LIGHT_M_S / band_centre_hz(hz),
+        faults,
     )
-    wavelength_m = SPEED_OF_LIGHT_M_S / band_centre_hz(forward.subcarrier_hz)
-    return PacketPairs(observer.name, peer.name, forward.time_s[i], reverse.time_s[j], product, wavelength_m)

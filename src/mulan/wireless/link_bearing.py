@@ -12,6 +12,7 @@ from mulan.wireless.apertures import Aperture, antenna_path
 from mulan.wireless.bearing import BearingConfig, bearing_of_aperture
 from mulan.wireless.channel import pair_packets
 from mulan.wireless.dead_reckoning import wheels_along_heading
+from mulan.wireless.link_faults import faults_during
 from mulan.wireless.recordings.wsr import WsrLink, WsrRun
 from mulan.wireless.types import Bearing
 
@@ -57,7 +58,9 @@ def _robot(name: str, odometry: OdometryTrack, csi: CsiTrack) -> RobotLog:
     return RobotLog(name, _NO_CAMERA, np.eye(4), np.zeros(3), np.zeros(3), (), odometry, {csi.peer: csi}, {})
 
 
-def link_aperture(run: WsrRun, link: WsrLink, source: DisplacementSource) -> tuple[Aperture, RobotLog]:
+def link_aperture(
+    run: WsrRun, link: WsrLink, source: DisplacementSource, undo_phase_jumps: bool = False
+) -> tuple[Aperture, RobotLog]:
     """All packets of the motion as one aperture, with the log of the robot that moved.
 
     Raises:
@@ -66,7 +69,7 @@ def link_aperture(run: WsrRun, link: WsrLink, source: DisplacementSource) -> tup
     observer = _robot(link.reverse.peer, displacement_track(run, source), link.forward)
     stamps = link.reverse.time_s[[0, -1]]
     peer = _robot(link.name, OdometryTrack(stamps, np.tile(np.eye(4), (2, 1, 1)), None), link.reverse)
-    pairs = pair_packets(observer, peer)
+    pairs = pair_packets(observer, peer, undo_phase_jumps)
     track = observer.odometry.time_s
     begin, end = max(run.motion_s[0], track[0]), min(run.motion_s[1], track[-1])
     index = np.flatnonzero((pairs.time_s >= begin) & (pairs.time_s <= end))
@@ -84,6 +87,7 @@ def link_aperture(run: WsrRun, link: WsrLink, source: DisplacementSource) -> tup
         T_odom_body=se3.interpolate(track, observer.odometry.T_odom_body, time_s[[reference]])[0]
         if len(index)
         else np.eye(4),
+        faults=faults_during(pairs.faults, time_s) if len(index) else pairs.faults,
     )
     return aperture, observer
 
@@ -96,7 +100,7 @@ def link_bearing(
     Raises:
         InputError: A direction is dead or nothing can be paired.
     """
-    aperture, observer = link_aperture(run, link, source)
+    aperture, observer = link_aperture(run, link, source, config.undo_phase_jumps)
     if len(aperture.time_s) < config.aperture.fewest_packets:
         return None
     return bearing_of_aperture(aperture, observer, None, _for_source(config, source))

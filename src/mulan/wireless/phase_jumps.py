@@ -17,10 +17,10 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 from numpy.typing import NDArray
 
-from mulan.errors import InputError
-from mulan.wireless.channel import channel_at_centre
+from mulan.wireless.packet_delay import channel_at_centre
 
 _FFT = 128  # slopes tried; four times finer than the resolution of a window
+_WINDOWS_AT_ONCE = 4096  # bounds the memory
 _FREE_STEP_NATS = 4.0  # one free parameter fits noise better by less
 
 
@@ -37,7 +37,7 @@ class PhaseJumpConfig:
     most_better_other: float = 0.2
     """A step of any other size may fit better by this share of the evidence (or 4 nats), not by more."""
     most_jumps: int = 8
-    """A recording with more is refused."""
+    """A recording with more is refused (a long one, if it jumps more than once in a hundred packets)."""
 
 
 @dataclass(frozen=True)
@@ -101,11 +101,11 @@ def jumps_of(phasor: Complex[NDArray, "n"], config: PhaseJumpConfig | None = Non
     half, n = config.half_window, len(phasor)
     found: list[tuple[int, int, float]] = []
     if n >= 2 * half:
-        evidence, other = _evidence(phasor.astype(np.complex64), half)
-        evidence[other - evidence > np.maximum(config.most_better_other * evidence, _FREE_STEP_NATS)] = 0.0
         least = np.array(
             [config.least_evidence_quarter, config.least_evidence_half, config.least_evidence_quarter]
         )
+        evidence, other = _evidence(phasor.astype(np.complex64), half, float(least.min()))
+        evidence[other - evidence > np.maximum(config.most_better_other * evidence, _FREE_STEP_NATS)] = 0.0
         evidence[evidence < least[:, None]] = 0.0
         while evidence.max() > 0:
             q, k = (int(v) for v in np.unravel_index(evidence.argmax(), evidence.shape))
@@ -116,48 +116,42 @@ def jumps_of(phasor: Complex[NDArray, "n"], config: PhaseJumpConfig | None = Non
     return PhaseJumps(row.astype(np.int64), turns.astype(np.int64), nats.astype(float), n)
 
 
-def without_jumps(
-    product: Complex[NDArray, "n *more"],
-    jumps: PhaseJumps,
-    source: str,
-    config: PhaseJumpConfig | None = None,
-) -> Complex[NDArray, "n *more"]:
-    """The round-trip product with its jumps undone.
-
-    Args:
-        product: Of the packets that ``jumps`` was found in.
-        jumps: From ``round_trip_jumps``.
-        source: Where the packets come from, for the message.
-        config: Thresholds.
-
-    Raises:
-        InputError: The phase jumps too often to be followed.
-    """
-    config = config or PhaseJumpConfig()
-    if len(jumps.row) > config.most_jumps:
-        raise InputError(
-            source,
-            "phase",
-            f"jumps {len(jumps.row)} times by quarter turns within {jumps.packets} packets",
-            "record again, or leave this pair out",
-        )
-    return jumps.undone(product)
-
-
 def _step(channel: Complex[NDArray, "n s"], subcarrier_hz: Float[NDArray, "s"]) -> Complex[NDArray, "n-1"]:
     return channel_at_centre(channel[1:] * channel[:-1].conj(), subcarrier_hz)
 
 
-def _evidence(phasor: Complex[NDArray, "n"], half: int) -> tuple[Float[NDArray, "3 m"], Float[NDArray, "m"]]:
-    """Likelihood ratios of q quarter turns, and of a step of any size, in the middle of every window."""
-    windows = np.lib.stride_tricks.sliding_window_view(phasor, 2 * half)
-    before, after = (np.fft.fft(part, _FFT, axis=1) for part in (windows[:, :half], windows[:, half:]))
-    after *= np.exp(-2j * np.pi * half / _FFT * np.arange(_FFT))
-    sums = [_peak(np.abs(before + (-1j) ** q * after)) for q in range(4)]
-    sums.append(_peak(np.abs(before) + np.abs(after)))
-    lost = np.maximum(1 - (np.stack(sums) / (2 * half)) ** 2, 1e-3)
-    ratio = 2 * half * np.log(lost[0] / lost[1:])
+def _evidence(
+    phasor: Complex[NDArray, "n"], half: int, least: float
+) -> tuple[Float[NDArray, "3 m"], Float[NDArray, "m"]]:
+    """Likelihood ratios of q quarter turns, and of a step of any size, in the middle of every window.
+
+    Windows that cannot reach ``least`` are left at zero: a line through both halves, if not the best, and the
+    best step of any size bound them.
+    """
+    count = len(phasor) - 2 * half + 1
+    ratio = np.zeros((4, count))
+    shift = np.exp(-2j * np.pi * half / _FFT * np.arange(_FFT)).astype(np.complex64)
+    for start in range(0, count, _WINDOWS_AT_ONCE):
+        part = phasor[start : start + _WINDOWS_AT_ONCE + 2 * half - 1]
+        spectrum = np.fft.fft(np.lib.stride_tricks.sliding_window_view(part, half), _FFT, axis=1)
+        size = np.abs(spectrum)
+        free = size[:-half] + size[half:]  # the second half of a window is the first of a later one
+        rows, slope = np.arange(len(free)), free.argmax(1)
+        line = np.abs(spectrum[rows, slope] + spectrum[rows + half, slope] * shift[slope])
+        loosest = 2 * half * np.log(_lost(line, half) / _lost(_peak(free), half))
+        able = np.flatnonzero(loosest >= least)
+        if len(able) == 0:
+            continue
+        before, after = spectrum[able], spectrum[able + half] * shift
+        sums = [_peak(np.abs(before + (-1j) ** q * after)) for q in range(4)]
+        lost = _lost(np.stack([*sums, _peak(free[able])]), half)
+        ratio[:, start + able] = 2 * half * np.log(lost[0] / lost[1:])
     return ratio[:3], ratio[3]
+
+
+def _lost(total: Float[NDArray, "*m"], half: int) -> Float[NDArray, "*m"]:
+    """Share of a window's power that a coherent sum leaves unexplained."""
+    return np.maximum(1 - (total / (2 * half)) ** 2, 1e-3)
 
 
 def _peak(spectrum: Float[NDArray, "m f"]) -> Float[NDArray, "m"]:

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from jaxtyping import Float
 from numpy.typing import NDArray
 
+from mulan.wireless.link_faults import LinkFault
+
 
 @dataclass(frozen=True)
 class AoaProfile:
@@ -43,6 +45,7 @@ class Bearing:
         profile: The full profile, kept only where asked for.
         origin_odom_m: Point in the observer's odometry frame the directions start from (the centroid of the
             antenna path); None = the antenna at the reference instant.
+        faults: What was found to be wrong with the packets and forbids no bearing.
     """
 
     observer: str
@@ -58,6 +61,7 @@ class Bearing:
     packets: int
     profile: AoaProfile | None = None
     origin_odom_m: Float[NDArray, "3"] | None = None
+    faults: tuple[LinkFault, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -59,6 +59,7 @@ def our_figures(links: Sequence[ScoredLink], failed: Sequence[FailedLink]) -> Fi
         "mean_nll": float(_column(links, "nll").mean()),
         "start_truth": _accuracy(_column(links, "error_start_deg")),
         "own_axes_truth": _accuracy(_column(links, "error_own_axes_deg")),
+        "links_with_faults": int(np.count_nonzero(_column(links, "faults"))),
         "median_packets": float(np.median(_column(links, "packets"))),
         "median_milliseconds": float(np.median(_column(links, "milliseconds"))),
         **names,

@@ -32,6 +32,7 @@ class ScoredLink:
         level: Smallest highest-density region that contains the truth, 0..1.
         nll: Negative log-likelihood of the truth [nats, density per radian].
         kappa_paper: The paper's uncertainty.
+        faults: How many findings about the packets were told (phase jumps, antennas without a channel).
         packets, milliseconds: Used and taken, from decoded CSI to the bearing.
         reported_error_deg, reported_error_origin_deg: Of the others' azimuth against the truths "start"
             (their own definition) and "origin"; None where they report nothing.
@@ -58,6 +59,7 @@ class ScoredLink:
     level: float
     nll: float
     kappa_paper: float
+    faults: int
     packets: int
     milliseconds: float
     reported_error_deg: float | None
@@ -139,6 +141,7 @@ def measured_link(
         level=float(mixture.level_of(at_truth)[0]),
         nll=float(-mixture.log_density(at_truth)[0]),
         kappa_paper=bearing.kappa_paper,
+        faults=len(bearing.faults),
         packets=bearing.packets,
         milliseconds=milliseconds,
         reported_error_deg=None if theirs is None else _off_deg(theirs, truth.start_rad),

@@ -11,10 +11,17 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from mulan.evaluation.aoa_metric.sweep import AoaMetricConfig, Sweep, variance_in_windows
+from mulan.evaluation.aoa_metric.sweep import (
+    LAWS,
+    AoaMetricConfig,
+    ErrorVariance,
+    Sweep,
+    variance_in_windows,
+)
 from mulan.mission.run_folder import write_atomically
 
 _OURS, _PAPER = "#0b6e99", "#c0504d"
+_LABEL = {ErrorVariance.MEAN_SQUARE: "mean square", ErrorVariance.OF_ABSOLUTE: "of absolute error"}
 
 
 def draw_metric(
@@ -25,7 +32,7 @@ def draw_metric(
         4, len(sweeps), figsize=(4 * len(sweeps), 12), squeeze=False, constrained_layout=True
     )
     for column, (sweep, aperture) in enumerate(zip(sweeps, metrics["apertures"], strict=True)):
-        laws, rank = aperture["power_law"], aperture["spearman_with_abs_error"]
+        rank = aperture["spearman_with_abs_error"]
         rows = (
             ("kappa_paper", sweep.kappa_paper, sweep.peak_error_rad, _PAPER, "kappa_paper", 1.0),
             ("ours", sweep.spread_rad, sweep.error_rad, _OURS, "our claimed RMS error [deg]", 180 / np.pi),
@@ -38,7 +45,8 @@ def draw_metric(
                 ylabel="absolute error [deg]",
                 title=f"{100 * sweep.extent_m:.0f} cm, Spearman {rank[name]:.2f}",
             )
-            _draw_variance(lower, metric, error, laws[name], config, colour, scale)
+            laws = {variance: aperture[law][name] for law, variance in LAWS.items()}
+            _draw_variance(lower, metric, error, laws, config, colour, scale)
             lower.set(xlabel=label, ylabel="variance of the error [deg²]")
     for panel in axes.flat:
         panel.grid(alpha=0.3)
@@ -51,17 +59,31 @@ def _draw_variance(
     panel: Axes,
     metric: Any,
     error: Any,
-    law: dict[str, float] | None,
+    laws: dict[ErrorVariance, dict[str, float] | None],
     config: AoaMetricConfig,
     colour: str,
     scale: float,
 ) -> None:
-    centre, variance = variance_in_windows(metric, error, config)
-    panel.plot(centre * scale, np.degrees(np.degrees(variance)), ".", color=colour)
-    if law is None:
-        panel.set_title("too few windows to fit")
-        return
-    x = np.linspace(centre.min(), centre.max(), 200)
-    y = law["factor"] * (x / centre.mean()) ** law["exponent"]
-    panel.plot(x * scale, np.degrees(np.degrees(y)), "-", color="0.3")
-    panel.set_title(f"y = a·x^b, b = {law['exponent']:.2f}, r² = {law['r_squared']:.2f}")
+    """Both readings of the variance and their fits; the mean square is filled."""
+    told = []
+    for variance, law in laws.items():
+        centre, value = variance_in_windows(metric, error, config, variance)
+        filled = variance is ErrorVariance.MEAN_SQUARE
+        panel.plot(
+            centre * scale,
+            np.degrees(np.degrees(value)),
+            "o",
+            ms=3,
+            color=colour,
+            mfc=colour if filled else "none",
+            label=_LABEL[variance],
+        )
+        if law is None:
+            told.append("too few windows to fit")
+            continue
+        x = np.linspace(centre.min(), centre.max(), 200)
+        y = law["factor"] * (x / centre.mean()) ** law["exponent"]
+        panel.plot(x * scale, np.degrees(np.degrees(y)), "-" if filled else "--", color="0.3")
+        told.append(f"{_LABEL[variance]}: b = {law['exponent']:.2f}, r² = {law['r_squared']:.2f}")
+    panel.set_title("\n".join(told), fontsize=8)
+    panel.legend(fontsize=7)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import Enum
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,17 @@ from mulan.evaluation.aoa_simulation.links import loop, simulate_link
 from mulan.evaluation.aoa_simulation.trials import run_trial
 
 Progress = Callable[[int, int, str], None]
+
+
+class ErrorVariance(Enum):
+    """What "variance of the error" means; the paper does not say.
+
+    The error is a displacement on the sphere that is zero on average, so its variance is the mean square of
+    the angle. That of the angle itself is about its mean; it falls again once all directions are random.
+    """
+
+    MEAN_SQUARE = "mean_square"
+    OF_ABSOLUTE = "of_absolute"
 
 
 @dataclass(frozen=True)
@@ -100,14 +112,12 @@ def sweep_noise(extent_m: float, config: AoaMetricConfig, progress: Progress) ->
 
 
 def variance_in_windows(
-    metric: Float[NDArray, "n"], error_rad: Float[NDArray, "n"], config: AoaMetricConfig
+    metric: Float[NDArray, "n"],
+    error_rad: Float[NDArray, "n"],
+    config: AoaMetricConfig,
+    variance: ErrorVariance = ErrorVariance.MEAN_SQUARE,
 ) -> tuple[Float[NDArray, "w"], Float[NDArray, "w"]]:
-    """Window centres and the variance of the error [rad²] in a window that slides by a fifth.
-
-    The error is a displacement on the sphere that is zero on average, so its variance is the mean square of
-    the angle. (The variance of the angle itself falls again once all directions are random: it is about a
-    mean that is then 90 degrees.)
-    """
+    """Window centres and the variance of the error [rad²] in a window that slides by a fifth."""
     low, high = metric.min(), metric.max()
     width = config.window_share * (high - low)
     centres, variances = [], []
@@ -115,7 +125,8 @@ def variance_in_windows(
         inside = (metric >= begin) & (metric <= begin + width)
         if inside.sum() >= config.fewest_in_window:
             centres.append(metric[inside].mean())
-            variances.append((error_rad[inside] ** 2).mean())
+            error = error_rad[inside]
+            variances.append((error**2).mean() if variance is ErrorVariance.MEAN_SQUARE else error.var())
     return np.array(centres), np.array(variances)
 
 
@@ -131,16 +142,31 @@ def fit_power_law(x: Float[NDArray, "w"], y: Float[NDArray, "w"]) -> PowerLaw | 
     return PowerLaw(float(best[0]), float(best[1]), float(1 - residual.var() / max(y.var(), 1e-300)))
 
 
+LAWS = {
+    "power_law": ErrorVariance.MEAN_SQUARE,
+    "power_law_of_absolute_error": ErrorVariance.OF_ABSOLUTE,
+}
+"""Names of the fits in metrics.json."""
+
+
 def summary(sweep: Sweep, config: AoaMetricConfig) -> dict[str, Any]:
     """Figures of one aperture: power laws and rank correlations of both metrics."""
     laws = {
-        "kappa_paper": fit_power_law(*variance_in_windows(sweep.kappa_paper, sweep.peak_error_rad, config)),
-        "ours": fit_power_law(*variance_in_windows(sweep.spread_rad, sweep.error_rad, config)),
+        variance: {
+            "kappa_paper": fit_power_law(
+                *variance_in_windows(sweep.kappa_paper, sweep.peak_error_rad, config, variance)
+            ),
+            "ours": fit_power_law(*variance_in_windows(sweep.spread_rad, sweep.error_rad, config, variance)),
+        }
+        for variance in ErrorVariance
     }
     return {
         "extent_m": sweep.extent_m,
         "links": len(sweep.noise_rad),
-        "power_law": {name: law and vars(law) for name, law in laws.items()},
+        **{
+            name: {metric: law and vars(law) for metric, law in laws[variance].items()}
+            for name, variance in LAWS.items()
+        },
         "spearman_with_abs_error": {
             "kappa_paper": float(np.asarray(spearmanr(sweep.kappa_paper, sweep.peak_error_rad))[0]),
             "ours": float(np.asarray(spearmanr(sweep.spread_rad, sweep.error_rad))[0]),
