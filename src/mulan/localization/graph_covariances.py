@@ -100,10 +100,14 @@ class GraphCovariances:
 
     def joint(self, keys: Sequence[int]) -> Float[NDArray, "d d"]:
         """Joint covariance of variables in the order given; each only once."""
-        blocks = [[self._block(a, b) for b in keys] for a in keys]
-        if any(block is None for row in blocks for block in row):
-            return self._far_joint(keys) + self._spread(keys)
-        return np.block(blocks) + self._spread(keys)
+        rows = []
+        for a in keys:
+            found = [self._block(a, b) for b in keys]
+            row = [block for block in found if block is not None]
+            if len(row) < len(found):
+                return self._far_joint(keys) + self._spread(keys)
+            rows.append(row)
+        return np.block(rows) + self._spread(keys)
 
     def _spread(self, keys: Sequence[int]) -> Float[NDArray, "d d"] | float:
         """Of the modes about their mean."""

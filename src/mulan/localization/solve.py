@@ -28,7 +28,7 @@ _MOST_FLIPPED = 40  # with so many measurements a single one no longer makes a s
 _FORCED = 25.0  # information of a measurement that is to be believed, as a try
 _LEAST_PROBABLE = 1e-3  # explanations less probable than this are left out
 _DOUBTED = 0.5  # a measurement less trusted gives reason to look for another solution
-_LEAST_TRUST = 0.02  # below it a measurement is left out
+_LEAST_TRUST = 1e-5  # hardly any information, but the graph stays determined where all are doubted
 _DETOUR_SPAN_M = 10.0  # wrong ranges are too long by up to so many metres
 _NONSENSE = 0.1  # share of wrong ranges that may be too short as well
 
@@ -97,14 +97,13 @@ def _weighted(
 ) -> gtsam.NonlinearFactorGraph:
     """The motion and every believed measurement, its covariance divided by its trust."""
     factors = motion.clone()
+    trust = np.maximum(trust, _LEAST_TRUST)
     for node, believed, k in zip(graph.bearings, trust, chosen, strict=False):
-        if believed >= _LEAST_TRUST:
-            noise = gtsam.noiseModel.Gaussian.Covariance(observed_in_body(node, int(k))[2] / believed)
-            factors.add(bearing_node_factor(node, int(k), noise))
+        noise = gtsam.noiseModel.Gaussian.Covariance(observed_in_body(node, int(k))[2] / believed)
+        factors.add(bearing_node_factor(node, int(k), noise))
     for node, believed in zip(graph.ranges, trust[len(graph.bearings) :], strict=True):
-        if believed >= _LEAST_TRUST:
-            noise = gtsam.noiseModel.Isotropic.Sigma(1, node.measurement.sigma_m / np.sqrt(believed))
-            factors.add(range_node_factor(node, noise))
+        noise = gtsam.noiseModel.Isotropic.Sigma(1, node.measurement.sigma_m / np.sqrt(believed))
+        factors.add(range_node_factor(node, noise))
     return factors
 
 
@@ -150,6 +149,7 @@ class _Rounds:
         One measurement's weight may be clamped, whatever its probability.
         """
         trust = np.full(len(self.terms.observer), np.nan)
+        chosen = np.zeros(len(self.terms.direction), dtype=int)
         solved_with = np.nan
         for done, inflation in enumerate(inflations):
             if progress is not None:
@@ -158,7 +158,7 @@ class _Rounds:
             trust, chosen = _trust(self.terms, values, inflation)
             if solved_with == inflation == inflations[-1] and not (np.abs(trust - before) > _SETTLED).any():
                 break  # the last solve already had these sigmas and, nearly, these probabilities
-            believed = np.where(trust < _LEAST_TRUST, 0.0, trust)
+            believed = np.maximum(trust, _LEAST_TRUST)
             if clamped is not None:
                 believed[clamped[0]] = clamped[1]
             values = minimise(
@@ -186,9 +186,9 @@ class _Rounds:
 
     def mean(self, found: _State, states: Sequence[_State]) -> Solution:
         """The posterior mean over modes, each a Gaussian of its own evidence; the best gives the graph."""
-        if len(states) == 1:
-            return self.solution(found)
         log_evidence = np.array([-state.cost - self._log_determinant(state) / 2 for state in states])
+        if len(states) == 1 or not np.isfinite(log_evidence).any():
+            return self.solution(found)
         weight = np.exp(log_evidence - np.logaddexp.reduce(log_evidence))
         best = states[int(weight.argmax())]
         kept = [(float(w), s) for w, s in zip(weight, states, strict=True) if w > _LEAST_PROBABLE]
@@ -201,11 +201,14 @@ class _Rounds:
         return replace(solution, values=best.values.retract(shift), other_modes=modes)
 
     def _log_determinant(self, state: _State) -> float:
-        trust = np.where(state.trust < _LEAST_TRUST, 0.0, state.trust)
+        trust = np.maximum(state.trust, _LEAST_TRUST)
         problem = Problem(self.motion, self.terms, state.chosen, trust, 1.0, quadratic)
         linear = problem.linear(state.values)[0]
         ordering = gtsam.Ordering.ColamdGaussianFactorGraph(linear)
-        return 2 * float(np.sum([np.log(np.abs(np.diag(R))).sum() for R in _triangles(linear, ordering)]))
+        try:
+            return 2 * float(np.sum([np.log(np.abs(np.diag(R))).sum() for R in _triangles(linear, ordering)]))
+        except RuntimeError:  # indeterminate: nothing is left that holds a robot
+            return np.inf
 
     def solution(self, state: _State) -> Solution:
         """The outcome, with the graph its covariances come from."""

@@ -38,6 +38,8 @@ FIGURES = (
 )
 """What is measured of a case: over its trials, each the mean over robots and photographs."""
 
+_ILL_POSED = 3.0  # a bound so many times the median bound
+
 
 @dataclass(frozen=True)
 class Trial:
@@ -107,7 +109,11 @@ def _errors(team: SimulatedTeam, localization: Localization) -> tuple[NDArray, N
 
 
 def summed_up(case: Case, trials: Sequence[Trial]) -> dict[str, Any]:
-    """A case's line of ``metrics.json``; teams the estimator refused to place are counted, not scored."""
+    """A case's line of ``metrics.json``; teams the estimator refused to place are counted, not scored.
+
+    Errors leave out teams whose right measurements hardly determine the poses: a single bound of metres would
+    hide every error of the others. They are counted, and their NEES counts.
+    """
     answered = [trial for trial in trials if not trial.refused]
     line: dict[str, Any] = {
         "robots": case.robots,
@@ -120,12 +126,15 @@ def summed_up(case: Case, trials: Sequence[Trial]) -> dict[str, Any]:
     }
     if not answered:
         return line | dict.fromkeys(FIGURES)
-    squared = np.array([trial.squared_m2.mean() for trial in answered])
     bound = np.array([trial.bound_m2.mean() for trial in answered])
-    yaw = np.array([(trial.yaw_rad**2).mean() for trial in answered])
+    posed = bound <= _ILL_POSED**2 * np.median(bound)
+    line["ill_posed"] = int((~posed).sum())
+    bound = bound[posed]
+    squared = np.array([trial.squared_m2.mean() for trial in answered])[posed]
+    yaw = np.array([(trial.yaw_rad**2).mean() for trial in answered])[posed]
     nees = np.array([trial.nees.mean() / 4 for trial in answered])
     rms_m, bound_m = np.sqrt(squared.mean()), np.sqrt(bound.mean())
-    count = np.sqrt(len(answered))
+    count = np.sqrt(len(squared))
     figures = (
         rms_m,
         bound_m,
@@ -135,7 +144,7 @@ def summed_up(case: Case, trials: Sequence[Trial]) -> dict[str, Any]:
         np.sqrt(squared.max()),
         np.degrees(np.sqrt(yaw.mean())),
         nees.mean(),
-        nees.std() / count,
+        nees.std() / np.sqrt(len(nees)),
         np.median(nees),
     )
     return line | {name: float(value) for name, value in zip(FIGURES, figures, strict=True)}
