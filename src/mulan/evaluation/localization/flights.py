@@ -83,7 +83,7 @@ def read_flight(folder: Path, estimate: str) -> Flight:
     path = folder / f"{estimate}.txt.gz"
     own = read_tum(path)
     begin_s = truth.time_s[0]
-    placeholder = np.isclose(own.T_world_body, np.eye(4)).all((1, 2))
+    placeholder = np.asarray(np.isclose(own.T_world_body, np.eye(4)).all((1, 2)))
     started = len(placeholder) if placeholder.all() else int((~placeholder).argmax())
     if len(placeholder) - started < 2:
         raise InputError(path, "poses", "are all placeholders", "fetch it again")

@@ -34,18 +34,22 @@ _LINK_RATE_HZ = 8.0  # the recording's own rate: nothing is thinned away
 def wheel_odometry(
     run: ChemnitzRun, time_s: Float[NDArray, "n"]
 ) -> tuple[Float[NDArray, "n 4 4"], Float[NDArray, "m 6 6"]]:
-    """Dead reckoning at times from both wheels' speeds, and the covariance of each step."""
-    right, left = (np.interp(time_s, run.odometry_time_s, speed) for speed in run.wheel_speed_m_per_s.T)
+    """Dead reckoning at times from both wheels' speeds, and the covariance of each step.
+
+    The recording's "wheel base" is half the track, and its first speed is the left wheel's: so read, and only
+    so, the wheels alone draw the true path (5 cm RMS over 9 m).
+    """
+    left, right = (np.interp(time_s, run.odometry_time_s, speed) for speed in run.wheel_speed_m_per_s.T)
     step_s = np.diff(time_s)
     forward_m = 0.5 * (right + left)[:-1] * step_s
-    turn_rad = ((right - left)[:-1] / run.wheel_base_m) * step_s
+    turn_rad = ((right - left)[:-1] / (2 * run.wheel_base_m)) * step_s
     poses = [np.eye(4)]
     for metres, turn in zip(forward_m, turn_rad, strict=True):
         step = se3.exp(np.array([0.0, 0.0, turn, metres, 0.0, 0.0]))
         poses.append(poses[-1] @ step)
     covariance = np.zeros((len(step_s), 6, 6))
     covariance[:, [0, 1], [0, 1]] = 2 * _TILT_SIGMA_RAD**2
-    covariance[:, 2, 2] = 2 * (_WHEEL_SIGMA_M_PER_S / run.wheel_base_m * step_s) ** 2 + _FLOOR_RAD**2
+    covariance[:, 2, 2] = 2 * (_WHEEL_SIGMA_M_PER_S / (2 * run.wheel_base_m) * step_s) ** 2 + _FLOOR_RAD**2
     covariance[:, 3, 3] = (_WHEEL_SIGMA_M_PER_S * step_s) ** 2 / 2 + _FLOOR_M**2
     covariance[:, [4, 5], [4, 5]] = _FLOOR_M**2
     return np.array(poses), covariance

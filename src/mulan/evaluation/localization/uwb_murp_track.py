@@ -109,11 +109,11 @@ def _ranges(pair: MurpPair, model: RangeModel | None) -> list[Range]:
         link = samples.links[samples.link[row]]
         t, measured = float(np.round(samples.time_s[row])), samples.range_m[row : row + 1]
         if model is None:
-            kept.append(Range(*link, t, float(measured[0]), _UNCALIBRATED_SIGMA_M))
+            kept.append(Range(link[0], link[1], t, float(measured[0]), _UNCALIBRATED_SIGMA_M))
             continue
         law = model.law(*link)
         distance = max(float(model.distance_m(law, measured)[0]), 0.01)
-        kept.append(Range(*link, t, distance, law.sigma_m, law.outlier_mass, model.correlation_s))
+        kept.append(Range(link[0], link[1], t, distance, law.sigma_m, law.outlier_mass, model.correlation_s))
     return kept
 
 

@@ -43,7 +43,14 @@ def draw_positions(runs: Sequence[PlacedRun], path: Path) -> None:
                 angle = float(np.degrees(np.arctan2(vector[1, 0], vector[0, 0])))
                 panel.add_patch(
                     Ellipse(
-                        run.mean_m, width, height, angle=angle, fill=False, color=_OURS, lw=0.5, alpha=0.4
+                        (float(run.mean_m[0]), float(run.mean_m[1])),
+                        width,
+                        height,
+                        angle=angle,
+                        fill=False,
+                        color=_OURS,
+                        lw=0.5,
+                        alpha=0.4,
                     )
                 )
                 panel.plot(*np.array([run.estimate_m, run.true_m]).T, color="#999999", lw=0.6)
