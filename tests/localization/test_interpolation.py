@@ -30,9 +30,11 @@ def test_interpolated_poses_and_covariances_are_those_of_a_graph_with_every_phot
         apart = se3.log(se3.inverse(expected.T_world_body) @ found.T_world_body)[1:]
         assert (np.abs(apart) / sigma).max() < 0.5
         ratio = np.sqrt(np.einsum("nii->ni", found.covariance))[1:] / sigma
-        assert ratio.min() > 0.9
-        assert ratio[:, 2:].max() < 1.1
-        assert ratio.max() < 1.5  # fewer keyframes average the vertical less
+        assert ratio[:, 2:].min() > 0.95
+        assert ratio[:, 2:].max() < 1.05
+        # roll and pitch: fewer steps add fewer floors, fewer keyframes average the vertical less
+        assert ratio.min() > 0.7
+        assert ratio.max() < 1.3
         assert np.linalg.eigvalsh(found.covariance).min() > 0
 
 

@@ -39,7 +39,7 @@ def test_relative_covariances_are_honest():
 
 def test_what_two_robots_share_cancels_in_their_relative_pose():
     # far from the anchor's start both share the drift of the frame they were placed in
-    robots, found = solved(60)
+    _, found = solved(60)
     late = [p for p in found.relative_poses if (p.robot, p.peer) == ("beta", "gamma")][-1]
     ends = [found.trajectories[name] for name in ("beta", "gamma")]
     by_beta = se3.adjoint(se3.inverse(se3.inverse(ends[0].T_world_body[-1]) @ ends[1].T_world_body[-1]))

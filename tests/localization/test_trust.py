@@ -14,9 +14,9 @@ TURN_DEG = 30.0
 BIAS_M = 1.0
 
 
-def measured_team(seed, count, bearings=6, ranges=20):
+def measured_team(seed, count, bearings=5, ranges=10):
     rng = np.random.default_rng(seed)
-    robots = make_team(rng, count, n=40, photos=10)
+    robots = make_team(rng, count, n=25, photos=5)
     found, heard = draw_measurements(rng, robots, bearings=bearings, ranges=ranges)
     return robots, found, heard
 

@@ -317,11 +317,11 @@ class _Court:
         wrong_b, wrong_r = self.wrongness(verdict)
         if accusation.lie is Lie.BEARINGS_TURNED:
             explained = 1 - wrong_b[accusation.bearings & verdict.has_bearing]
-            is_large = abs(amount) >= np.deg2rad(trust.smallest_turn_deg)
+            is_large = abs(amount) >= float(np.deg2rad(trust.smallest_turn_deg))
         else:
             explained = 1 - wrong_r[accusation.ranges & verdict.has_range]
             is_large = abs(amount) >= trust.smallest_bias_m
-        return is_large and len(explained) > 0 and float(explained.mean()) > _EXPLAINED
+        return bool(is_large and len(explained) > 0 and float(explained.mean()) > _EXPLAINED)
 
 
 def solve_trusting(
