@@ -20,11 +20,11 @@ def motion(rng):
     time_s = 1_600_000_000.0 + np.arange(0, 5, 0.01)
     turn = 1.5 * np.pi * np.clip((time_s - time_s[0] - 1.0) / 3.0, 0, 1)
     path_m = 0.3 * np.stack([np.sin(turn), 1 - np.cos(turn), np.zeros_like(turn)], -1)
-    packets_s = time_s[0] + np.sort(rng.uniform(0.2, 4.8, 400)).round(6)
+    packets_s = time_s[0] + np.sort(rng.uniform(0.2, 4.8, 1600)).round(6)
     antenna_m = np.stack([np.interp(packets_s, time_s, path_m[:, k]) for k in range(3)], -1)
     distance_m = np.linalg.norm(antenna_m - SOURCE_M, axis=1)
     carrier = rng.uniform(-np.pi, np.pi, len(packets_s))
-    sides = [csi_direction(distance_m, sign * carrier, rng)[:, 0] for sign in (1, -1)]
+    sides = [csi_direction(distance_m, sign * carrier, rng, 0.1)[:, 0] for sign in (1, -1)]
     T = se3.from_parts(np.tile(np.eye(3), (len(time_s), 1, 1)), path_m)
     truth_deg = np.degrees(np.arctan2(*(SOURCE_M - antenna_m.mean(0))[[1, 0]]))
     return (
@@ -96,7 +96,7 @@ def test_another_chips_files_give_the_same_bearing(files, capsys):
 def test_a_half_turn_of_the_card_is_told(files, capsys):
     folder, _ = files
     _, packets_s, sides, _ = motion(np.random.default_rng(0))
-    sides[0][200:] *= -1
+    sides[0][800:] *= -1
     intel_file(folder / "moving.dat", packets_s, sides[0])
     assert run_command(arguments(folder)) == 0
     said = " ".join(capsys.readouterr().out.split())
@@ -108,7 +108,9 @@ def test_a_half_turn_of_the_card_is_told(files, capsys):
 
 def test_one_file_alone_is_described_and_the_remedy_told(files):
     folder, _ = files
-    with pytest.raises(InputError, match=r"one direction of one robot only \(400 packets\).*--reply.*--path"):
+    with pytest.raises(
+        InputError, match=r"one direction of one robot only \(1600 packets\).*--reply.*--path"
+    ):
         run_command(["aoa", str(folder / "moving.dat")])
 
 

@@ -54,7 +54,9 @@ def robot(name, time_s, T_odom_body, csi=None, ranges=None, covariance=None, lev
     )
 
 
-def two_robots(rng, peer_world_m=(3.0, 2.0, 0.4), clock_offset_s=7.5, level=False, rate_hz=200.0):
+def two_robots(
+    rng, peer_world_m=(3.0, 2.0, 0.4), clock_offset_s=7.5, level=False, rate_hz=200.0, phase_noise_rad=0.3
+):
     """alpha waves for two seconds, then beta; each in its own odometry frame, beta's clock ahead.
 
     Returns the logs and T_alpha_odom_from_beta_odom.
@@ -86,8 +88,8 @@ def two_robots(rng, peer_world_m=(3.0, 2.0, 0.4), clock_offset_s=7.5, level=Fals
     p_beta = se3.transform(np.broadcast_to(T_ab, (len(packets_s), 4, 4)), antenna(T_beta, lever))
     distance = np.linalg.norm(p_alpha - p_beta, axis=1)
     cfo = np.cumsum(rng.normal(size=len(packets_s)) * 2.0)
-    forward = csi_direction(distance, cfo, rng)
-    reverse = csi_direction(distance, -cfo, rng)
+    forward = csi_direction(distance, cfo, rng, phase_noise_rad)
+    reverse = csi_direction(distance, -cfo, rng, phase_noise_rad)
     counter = np.arange(len(packets_s), dtype=np.uint32)
     keep_f, keep_r = rng.random(len(counter)) > 0.05, rng.random(len(counter)) > 0.05
     csi_a = CsiTrack("beta", packets_s[keep_f], counter[keep_f], forward[keep_f], SUBCARRIER_HZ)

@@ -20,6 +20,7 @@ from mulan.wireless.level_posterior import LevelPosteriorConfig, level_hypothese
 from mulan.wireless.multipath import MultipathConfig, resolve_paths
 from mulan.wireless.odometry_drift import displacement_covariance
 from mulan.wireless.peak import SteeringModel, grid_peaks, refined_peaks, steering_model
+from mulan.wireless.phase_score import scored_direction
 from mulan.wireless.principal_channels import principal_channels
 from mulan.wireless.profile import bartlett_power, unit_sum_profile
 from mulan.wireless.types import Bearing
@@ -126,6 +127,7 @@ def _coherent(
     directions = refined_peaks(model, channel, searched, config.hypotheses)
     weight, outlier_mass = hypothesis_weights(model, channel, power, directions, config.least_outlier_mass)
     covariance = [sandwich_covariance(model, channel, u, drift_variance_m2) for u in directions]
+    directions = np.array([scored_direction(model, channel, u) for u in directions])
     return _Hypotheses(directions, np.array(covariance), weight, outlier_mass)
 
 

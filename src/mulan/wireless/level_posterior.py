@@ -32,7 +32,7 @@ class LevelPosteriorConfig:
     path_scale_sigma: float = 0.04
     """Standard deviation of the odometry's scale within an aperture; 0.05 for a visual-inertial one that has
     just been started. It also covers the cosine of the elevation."""
-    scatter_sigma_rad: float = 0.014
+    scatter_sigma_rad: float = 0.017
     """Turn of the odometry's frame against the true one and scatter close about the source, one sigma."""
     bold_looks: float = 100.0
     """Independent measurements an aperture is worth where reflections correlate its packets, at most."""
@@ -90,7 +90,7 @@ def level_hypotheses(
     bold = min(float(len(channel)), max(config.bold_looks, independent_packets))
     cautious = bold * config.cautious_looks / config.bold_looks
     trusted = _posterior(shares, bold, config.path_scale_sigma)
-    rivalled = _rival_share(shares) ** 3
+    rivalled = _rival_share(shares) ** 4
     blend = (1 - rivalled) * trusted + rivalled * _posterior(shares, cautious, config.path_scale_sigma)
     modes = _modes(_smoothed(trusted, _SMOOTHING_RAD), config.hypotheses)
     likelihood = _smoothed(trusted, config.scatter_sigma_rad)[modes]
