@@ -17,7 +17,6 @@ from mulan.geometry import se3
 from mulan.localization.graph import LocalizationConfig
 from mulan.localization.localize import localize_from_measurements
 
-
 SMALL_CASES = """
 import json
 from mulan.evaluation.localization.simulated_team import Case, Noise
@@ -28,7 +27,8 @@ cases = [
     Case("drift_10", 16, meetings=10, drifting=True, samples=41),
     Case("robots_12", 1, robots=12, samples=21),
 ]
-print(json.dumps({c.name: summed_up(c, [run_trial(c, Noise(), 0, i) for i in range(c.trials)]) for c in cases}))
+trials = {c.name: summed_up(c, [run_trial(c, Noise(), 0, i) for i in range(c.trials)]) for c in cases}
+print(json.dumps(trials))
 """
 
 

@@ -43,5 +43,6 @@ def test_interpolated_covariances_are_honest():
     for seed in range(3):
         team = measured(40 + seed)
         result = accuracy(localize_from_measurements(*team, SPARSE), Mission(team[0]))
+        assert result is not None
         nees += [r.nees_per_dof for r in result.values()]
     assert 0.4 < np.mean(nees) < 1.5

@@ -25,6 +25,7 @@ def scaled(robot, scale):
 def level_nees(found, robots):
     """Mean squared error over heading and position in stated covariances: the simulated bodies never tilt."""
     T_world_truth, values = world_from_truth(Mission(robots)), []
+    assert T_world_truth is not None
     for robot in robots:
         trajectory = found.trajectories[robot.name]
         true = true_poses(robot, T_world_truth, trajectory.time_s)

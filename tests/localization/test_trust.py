@@ -57,6 +57,7 @@ def test_a_robot_with_turned_bearings_is_named_and_moves_nobody(count, liar):
     assert honest.suspects == ()
     (suspect,) = lied_to.suspects
     assert (suspect.robot, suspect.lie, suspect.alternatives) == (liar, Lie.BEARINGS_TURNED, ())
+    assert suspect.amount is not None
     assert np.degrees(suspect.amount) == pytest.approx(TURN_DEG, abs=4)
     assert suspect.measurements == sum(b.observer == liar for b in bearings)
     assert sigmas_moved(honest, lied_to, but=(liar,)) < 2

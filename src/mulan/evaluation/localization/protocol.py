@@ -7,12 +7,20 @@ from typing import Any
 
 from mulan.errors import InputError
 from mulan.evaluation.localization.cases import CasesConfig, Progress, judged, run_cases
+from mulan.evaluation.localization.online import OnlineEvaluationConfig, draw_online, run_online
 from mulan.evaluation.localization.picture import draw_cases, draw_example
+from mulan.evaluation.localization.real_euroc import run_euroc_mh, run_euroc_v1
+from mulan.evaluation.localization.real_uwb import (
+    run_uwb_indoor_chemnitz,
+    run_uwb_murp,
+    run_uwb_planar,
+)
+from mulan.evaluation.localization.real_wsr_position import run_wsr_position
 from mulan.evaluation.provenance import provenance
 from mulan.mission.run_folder import RunFolder, read_json, write_json
 
 PARTS = ("cases", "real", "online")
-CASES_PICTURE, EXAMPLE_PICTURE = "cases.png", "example.png"
+CASES_PICTURE, EXAMPLE_PICTURE, ONLINE_PICTURE = "cases.png", "example.png", "online.png"
 
 
 @dataclass(frozen=True)
@@ -40,14 +48,30 @@ def chosen_parts(only: str) -> tuple[str, ...]:
     return parts or PARTS
 
 
-def run_real(data: Path, progress: Progress) -> dict[str, Any]:  # noqa: ARG001 (to be filled)
+_RECORDINGS: dict[str, tuple[str, Callable[[Path, Path], dict[str, Any]]]] = {
+    "euroc_mh": ("euroc_vio", lambda data, picture: run_euroc_mh(data, picture=picture)),
+    "euroc_v1": ("euroc_vio", lambda data, picture: run_euroc_v1(data, picture=picture)),
+    "wsr_position": ("wsr_aoa", lambda data, picture: run_wsr_position(data, picture=picture)),
+    "uwb_planar": ("uwb_planar", lambda data, picture: run_uwb_planar(data, picture=picture)),
+    "uwb_murp": ("uwb_murp", lambda data, picture: run_uwb_murp(data, picture=picture)),
+    "uwb_indoor_chemnitz": (
+        "uwb_indoor_chemnitz",
+        lambda data, picture: run_uwb_indoor_chemnitz(data, picture=picture),
+    ),
+}
+
+
+def run_real(data: Path, pictures: Path, progress: Progress) -> dict[str, Any]:
     """Every real recording by name; one that lies not in ``data`` is said to be not available."""
-    return {}
-
-
-def run_online(progress: Progress) -> dict[str, Any]:  # noqa: ARG001 (to be filled)
-    """The incremental solver at the pace of a mission."""
-    return {}
+    results: dict[str, Any] = {}
+    for done, (name, (folder, measure)) in enumerate(_RECORDINGS.items()):
+        progress(done, len(_RECORDINGS), name)
+        if (data / folder).is_dir():
+            results[name] = measure(data, pictures / f"{name}.png")
+        else:
+            results[name] = f"not available: there is no {folder} in {data}"
+    progress(len(_RECORDINGS), len(_RECORDINGS), "done")
+    return results
 
 
 def evaluate_localization(
@@ -76,7 +100,9 @@ def evaluate_localization(
         draw_cases(measured, run.root / CASES_PICTURE)
         draw_example(config.cases.noise, config.cases.seed, run.root / EXAMPLE_PICTURE)
     if "real" in config.only:
-        keep("real", run_real(config.data, stage("Real recordings")))
+        keep("real", run_real(config.data, run.root, stage("Real recordings")))
     if "online" in config.only:
-        keep("online", run_online(stage("Online")))
+        online, update_ms = run_online(OnlineEvaluationConfig(), stage("Online"))
+        keep("online", online)
+        draw_online(update_ms, run.root / ONLINE_PICTURE)
     return metrics
