@@ -26,7 +26,7 @@ class Options:
     only: str = ""
     """Parts to measure, separated by commas (cases, real, online); others in metrics.json are kept."""
     quick: bool = False
-    """Few small teams: shows that the command works, measures nothing."""
+    """One small team a case: shows that the command works, measures nothing."""
     cases: Annotated[CasesConfig, tyro.conf.arg(name="")] = field(default_factory=CasesConfig)
     """Size of the simulation."""
 
