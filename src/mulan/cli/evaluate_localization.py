@@ -26,7 +26,7 @@ class Options:
     only: str = ""
     """Parts to measure, separated by commas (cases, real, online); others in metrics.json are kept."""
     quick: bool = False
-    """Few small teams: shows that the command works, measures nothing."""
+    """One small team a case: shows that the command works, measures nothing."""
     cases: Annotated[CasesConfig, tyro.conf.arg(name="")] = field(default_factory=CasesConfig)
     """Size of the simulation."""
 
@@ -59,7 +59,7 @@ def main(arguments: Sequence[str]) -> int:
     options = tyro.cli(Options, args=arguments, prog="mulan evaluate localization")
     cases = options.cases
     if options.quick:
-        cases = replace(cases, trials=2, meetings=(2, 5), fleets=(3,), workers=1)
+        cases = replace(cases, trials=1, meetings=(5,), fleets=(3,), workers=1)
     run = RunFolder(options.out)
     config = EvaluationConfig(options.data, chosen_parts(options.only), cases)
     with progress_stages() as stage:
