@@ -216,6 +216,9 @@ def run_team(
         "pairs": {" ".join(pair): figures([e for e in ours if e.pair == pair]) for pair in team.score_s},
         "paper_scheme": figures(paper) | {"rms_by_trial_m": [figures(r.paper)["rms_m"] for r in runs]},
         "times_better_than_paper": figures(paper)["rms_m"] / figures(ours)["rms_m"],
+        "times_better_than_paper_in_the_median_trial": float(
+            np.median([figures(run.paper)["rms_m"] / figures(run.ours)["rms_m"] for run in runs])
+        ),
         "with_default_drift": figures([e for run in runs for e in run.default_noise]),
         "odometry_alone_best_aligned": figures(aligned),
         "learned_drift": {

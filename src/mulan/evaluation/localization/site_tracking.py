@@ -115,7 +115,8 @@ def placed(
     at, odom, range_m = np.array(fixed), np.array(moving), np.array(measured)
 
     def residual(x: Float[NDArray, "3"]) -> Float[NDArray, "n"]:
-        return np.linalg.norm(se3.transform(planar(*x), odom) - at, axis=1) - range_m
+        T = planar(*x)
+        return np.linalg.norm(odom @ T[:3, :3].T + T[:3, 3] - at, axis=1) - range_m
 
     headings = np.linspace(-np.pi, np.pi, _HEADINGS, endpoint=False)
     starts = [] if near is None else [near, *(np.array([near[0], near[1], yaw]) for yaw in headings[::2])]

@@ -41,18 +41,10 @@ def draw_positions(runs: Sequence[PlacedRun], path: Path) -> None:
                 value, vector = np.linalg.eigh(run.covariance_m2)
                 width, height = 2 * np.sqrt(COVERED["coverage_68"] * value)
                 angle = float(np.degrees(np.arctan2(vector[1, 0], vector[0, 0])))
-                panel.add_patch(
-                    Ellipse(
-                        (float(run.mean_m[0]), float(run.mean_m[1])),
-                        width,
-                        height,
-                        angle=angle,
-                        fill=False,
-                        color=_OURS,
-                        lw=0.5,
-                        alpha=0.4,
-                    )
-                )
+                at = (float(run.mean_m[0]), float(run.mean_m[1]))
+                claimed = Ellipse(at, width, height, angle=angle, fill=False, color=_OURS, lw=0.5)
+                claimed.set_alpha(0.4)
+                panel.add_patch(claimed)
                 panel.plot(*np.array([run.estimate_m, run.true_m]).T, color="#999999", lw=0.6)
                 panel.plot(*run.estimate_m, ".", color=_OURS, ms=5)
                 panel.plot(*run.true_m, "+", color=_TRUE, ms=7)
