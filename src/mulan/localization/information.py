@@ -140,7 +140,8 @@ def undetermined(
     freedoms: int,
 ) -> Undetermined | None:
     """What a robot's start frame lacks; None if it is determined."""
-    if missing := missing_freedoms(found, m, known_within_rad, known_within_m, freedoms):
+    missing = missing_freedoms(found, m, known_within_rad, known_within_m, freedoms)
+    if len(missing) > 0:
         others = f" (nor {', '.join(missing[1:])})" if len(missing) > 1 else ""
         reason = f"is not determined{others} by {_recorded(m)}"
         return Undetermined(robot, missing, reason, _remedy(missing[0], m))

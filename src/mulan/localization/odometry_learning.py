@@ -104,6 +104,7 @@ def learn_odometry(
     if len(robots) < 2 or not (scaled or noisy) or not (graph.bearings or graph.ranges):
         return LearnedOdometry(graph, solution, TeamMarginals(graph, solution))
     plain, corrections = graph.robots, {name: OdometryCorrection() for name in graph.robots}
+    marginals = TeamMarginals(graph, solution)
     for remaining in reversed(range(config.rounds + 1)):
         steps = {name: _steps(graph, solution, graph.robots[name]) for name in {*scaled, *noisy}}
         response, covariance, change = _scale_update(graph, solution, steps, scaled)
