@@ -1,7 +1,9 @@
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
-import pytest
 
 from mulan.geometry import se3
 from mulan.localization.accuracy import true_poses, world_from_truth
@@ -57,10 +59,22 @@ def run(seed, noise_factor, learning, scale=1.0, percent=TRUE_PERCENT):
     return found, level_nees(found, robots)
 
 
-@pytest.mark.parametrize("noise_factor", [1 / 3, 3.0])
-def test_covariances_stay_honest_when_the_assumed_noise_is_wrong_by_three(noise_factor):
-    nees = np.mean([run(70 + seed, noise_factor, OdometryLearningConfig())[1] for seed in range(3)])
-    assert 0.7 < nees < 1.5
+WRONG_NOISE = """
+import numpy as np
+from tests.localization.test_odometry_learning import OdometryLearningConfig, run
+for factor in (1 / 3, 3.0):
+    print(np.mean([run(70 + seed, factor, OdometryLearningConfig())[1] for seed in range(3)]))
+"""
+
+
+def test_covariances_stay_honest_when_the_assumed_noise_is_wrong_by_three():
+    # in an interpreter of its own: here every shape is checked at run time, which users do not pay for
+    root = Path(__file__).parents[2]
+    ran = subprocess.run(
+        [sys.executable, "-c", WRONG_NOISE], cwd=root, capture_output=True, text=True, check=True
+    )
+    for nees in map(float, ran.stdout.split()):
+        assert 0.7 < nees < 1.5
 
 
 def test_a_scale_error_is_learned_with_its_sigma():
