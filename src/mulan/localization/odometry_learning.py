@@ -16,6 +16,8 @@ from mulan.localization.solve import Solution, refine_solution
 from mulan.mission.types import RobotLog
 
 _PRIOR_STEPS = 0.5  # what was given counts as so many residuals
+_OVERRELAXATION = 1.8
+_MOST_STRIDE = 2.0
 _SETTLED_NOISE = 0.03  # change of a sigma, relative
 _SETTLED_SCALE = 0.1  # in its sigmas
 _MOST_SCALE_STEP = 0.02
@@ -102,6 +104,7 @@ def learn_odometry(
     if len(robots) < 2 or not (scaled or noisy) or not (graph.bearings or graph.ranges):
         return LearnedOdometry(graph, solution, TeamMarginals(graph, solution))
     plain, corrections = graph.robots, {name: OdometryCorrection() for name in graph.robots}
+    marginals = TeamMarginals(graph, solution)
     for remaining in reversed(range(config.rounds + 1)):
         steps = {name: _steps(graph, solution, graph.robots[name]) for name in {*scaled, *noisy}}
         response, covariance, change = _scale_update(graph, solution, steps, scaled)
@@ -220,4 +223,6 @@ def _noise_update(
 def _factor(present: float, squared: float, seen: float, most: float) -> float:
     """The next factor on a sigma, from whitened squared residuals and how many the radio could see."""
     variance = (squared * present**2 + _PRIOR_STEPS) / (max(seen, 0.0) + _PRIOR_STEPS)
-    return float(np.clip(np.sqrt(variance), 1 / most, most))
+    # the plain iteration creeps towards its fixed point from one side; nearly twice its step is still stable
+    stride = float(np.clip((np.sqrt(variance) / present) ** _OVERRELAXATION, 1 / _MOST_STRIDE, _MOST_STRIDE))
+    return float(np.clip(present * stride, 1 / most, most))
