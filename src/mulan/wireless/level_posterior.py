@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float, Int
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from mulan.wireless.directions import unit_direction
 from mulan.wireless.level_shares import LevelShares, level_shares
@@ -89,21 +88,23 @@ def level_hypotheses(
     # uncorrelated packets count in full; correlated ones as far as recordings have shown
     bold = min(float(len(channel)), max(config.bold_looks, independent_packets))
     cautious = bold * config.cautious_looks / config.bold_looks
-    trusted = _posterior(shares, bold, config.path_scale_sigma)
+    misfit = np.log1p(-np.clip(shares.share, 0.0, 0.999999))
+    trusted = _posterior(misfit, shares.scale, bold, config.path_scale_sigma)
     rivalled = _rival_share(shares) ** 4
-    blend = (1 - rivalled) * trusted + rivalled * _posterior(shares, cautious, config.path_scale_sigma)
+    doubted = _posterior(misfit, shares.scale, cautious, config.path_scale_sigma)
+    blend = (1 - rivalled) * trusted + rivalled * doubted
     modes = _modes(_smoothed(trusted, _SMOOTHING_RAD), config.hypotheses)
     likelihood = _smoothed(trusted, config.scatter_sigma_rad)[modes]
     modes = modes[np.argsort(-likelihood, kind="stable")]
     return _mixture(shares, blend, modes, config)
 
 
-def _posterior(shares: LevelShares, looks: float, scale_sigma: float) -> Float[NDArray, "a"]:
-    """Probability of each azimuth cell, distance and scale integrated out."""
-    log = -looks * np.log1p(-np.clip(shares.share, 0.0, 0.999999))
-    prior = -0.5 * ((shares.scale - 1) / scale_sigma) ** 2
-    marginal = np.asarray(logsumexp(log + prior[None, :, None], axis=(0, 1)))
-    mass = np.exp(marginal - marginal.max())
+def _posterior(
+    misfit: Float[NDArray, "d s a"], scale: Float[NDArray, "s"], looks: float, scale_sigma: float
+) -> Float[NDArray, "a"]:
+    """Probability of each azimuth cell, distance and scale integrated out; the misfit is log(1 - share)."""
+    log = -looks * misfit - 0.5 * ((scale - 1) / scale_sigma)[:, None] ** 2
+    mass = np.exp(log - log.max()).sum((0, 1))
     return mass / mass.sum()
 
 

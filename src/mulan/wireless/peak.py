@@ -11,6 +11,7 @@ from mulan.wireless.profile import wavenumber_rad_m
 
 _LONGEST_STEP_RAD = 0.02  # about a beam width of a half-metre aperture at 5 GHz
 _STEPS = 25
+_LEAST_GAIN = 1e-11  # of the height: what is left is some millionth of a beam
 
 
 @dataclass(frozen=True)
@@ -108,8 +109,11 @@ def refine_direction(
         turned_candidate = model.turned_back(channel, candidate)
         height_candidate = np.abs(turned_candidate.sum())
         if height_candidate > height:
+            settled = height_candidate - height < _LEAST_GAIN * height
             direction, turned, height = candidate, turned_candidate, height_candidate
             damping = max(damping / 5, 1e-6)
+            if settled:
+                break
         else:
             damping *= 10
         if np.linalg.norm(step) < 1e-7 or damping > 1e6:
