@@ -135,7 +135,7 @@ def learn_odometry(
         )
         solution = refine_solution(graph, solution)
     graph = replace(graph, robots={n: replace(k, correction=corrections[n]) for n, k in graph.robots.items()})
-    return LearnedOdometry(graph, solution, marginals)  # pyright: ignore[reportPossiblyUnbound]
+    return LearnedOdometry(graph, solution, marginals)  # pyright: ignore[reportPossiblyUnboundVariable]
 
 
 def _settled(before: Mapping[str, OdometryCorrection], after: Mapping[str, OdometryCorrection]) -> bool:

@@ -12,7 +12,6 @@ from mulan.evaluation.localization.picture import draw_cases, draw_example
 from mulan.evaluation.localization.real_euroc import run_euroc_mh, run_euroc_v1
 from mulan.evaluation.localization.real_uwb import (
     run_uwb_indoor_chemnitz,
-    run_uwb_murp,
     run_uwb_planar,
 )
 from mulan.evaluation.localization.real_wsr_position import run_wsr_position
@@ -53,7 +52,6 @@ _RECORDINGS: dict[str, tuple[str, Callable[[Path, Path], dict[str, Any]]]] = {
     "euroc_v1": ("euroc_vio", lambda data, picture: run_euroc_v1(data, picture=picture)),
     "wsr_position": ("wsr_aoa", lambda data, picture: run_wsr_position(data, picture=picture)),
     "uwb_planar": ("uwb_planar", lambda data, picture: run_uwb_planar(data, picture=picture)),
-    "uwb_murp": ("uwb_murp", lambda data, picture: run_uwb_murp(data, picture=picture)),
     "uwb_indoor_chemnitz": (
         "uwb_indoor_chemnitz",
         lambda data, picture: run_uwb_indoor_chemnitz(data, picture=picture),
