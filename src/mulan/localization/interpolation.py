@@ -74,7 +74,7 @@ def pose_between(
     after = int(np.searchsorted(stamps, time_s))
     if after == 0 or after == len(stamps):
         pieces = _pieces(robot, keyframes, sorted([stamps[nearest], time_s]), noise, gravity_aligned, None)
-        return _beyond(pieces, nearest, T_world_keyframe[nearest], time_s < stamps[nearest])
+        return _beyond(pieces, nearest, T_world_keyframe[nearest], bool(time_s < stamps[nearest]))
     before = after - 1
     gap = stamps[after] - stamps[before]
     fraction = np.array([time_s - stamps[before], stamps[after] - time_s]) / gap
