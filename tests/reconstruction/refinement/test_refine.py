@@ -51,9 +51,11 @@ def shifts_px(images, true):
     T = np.stack([image.T_world_camera for image in images.train[1::2]])
     corners = np.array(np.meshgrid(*[[-0.5, 0.5]] * 3)).reshape(3, -1).T
     camera = images.train[0].camera
-    pixels = [
-        camera.project(se3.transform(se3.inverse(poses)[:, None], corners[None])) for poses in (T, true)
-    ]
+    pixels = []
+    for poses in (T, true):
+        to_camera = se3.inverse(poses)
+        seen = corners @ np.swapaxes(to_camera[:, :3, :3], 1, 2) + to_camera[:, None, :3, 3]
+        pixels.append(camera.project(seen))
     return np.linalg.norm(pixels[0] - pixels[1], axis=-1).mean(1)
 
 
