@@ -4,6 +4,9 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 # --no-compile: Python compiles what is imported; compiling all of torch's files takes longer than everything else
 PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
+ENGINE := src/mulan/radiance/native
+ENGINE_SOURCES := $(ENGINE)/CMakeLists.txt $(wildcard $(ENGINE)/src/* $(ENGINE)/include/*)
+ENGINE_LOADS := $(BIN)/python -c 'import sys; from mulan.radiance.kernels.native_library import find_native_library as f; sys.exit(f()[0] is None)'
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo test lint browser sanitize clean
@@ -21,9 +24,15 @@ $(VENV)/.python:
 	  { echo "Python cannot make virtual environments; on Debian: apt-get install python3-venv"; rm -rf $(VENV); exit 1; }
 	@touch $@
 
-$(VENV)/.installed: $(VENV)/.python pyproject.toml constraints.txt
+# Without a compiler the install is whole all the same (torch runs); with one, a failed build is tried once more, aloud.
+$(VENV)/.installed: $(VENV)/.python pyproject.toml constraints.txt $(ENGINE_SOURCES)
 	@echo "Installing MULAN into $(VENV) (about a minute) ..."
 	@$(PIP) -e .
+	@if ! $(ENGINE_LOADS) && command -v c++ >/dev/null 2>&1; then \
+	  echo "The C++ engine was not built though there is a compiler; once more, one file at a time:"; \
+	  CMAKE_BUILD_PARALLEL_LEVEL=1 $(PIP) --verbose --no-deps -e . 2>&1 | tail -n 40; \
+	  $(ENGINE_LOADS) || echo "Still no C++ engine: MULAN runs on torch, several times slower."; \
+	fi
 	@touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed pyproject.toml constraints.txt

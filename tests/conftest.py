@@ -34,3 +34,11 @@ def compiled_files() -> None:
     installed = str(Path(sysconfig.get_path("platlib")) / "mulan" / "radiance")
     if Path(installed).is_dir() and installed not in mulan.radiance.__path__:
         mulan.radiance.__path__.append(installed)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say which engine the tests ran on: without the native one they prove less and take longer."""
+    from mulan.radiance.kernels.native_library import find_native_library
+
+    library, reason = find_native_library()
+    terminalreporter.write_line(f"native engine: {library.instruction_set if library else reason}")
