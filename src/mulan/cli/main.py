@@ -23,6 +23,7 @@ COMMANDS = {
     "train": "Learn the radiance field from a run or a posed image set.",
     "plan": "Propose the next views for every robot of a run.",
     "render": "Render views of a trained run.",
+    "view": "Walk through a trained run in the browser.",
     "evaluate": "Run the experiments behind the published numbers.",
     "report": "Write a run's report page.",
     "doctor": "Say what this machine has and what a missing part costs.",

@@ -1,6 +1,6 @@
 """``mulan train``: learn the radiance field from a run or from any posed image set."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -21,7 +21,10 @@ from mulan.reconstruction.refinement.refine import REFINED
 from mulan.reconstruction.refinement.refinement_config import RefinementConfig
 from mulan.reconstruction.torchrun import is_leader
 from mulan.reconstruction.train_config import TrainConfig
+from mulan.reconstruction.trainer import TrainingStatus
 from mulan.reconstruction.weights import NoWeights, UncertaintyWeights, Weighting
+from mulan.viewer.page import ViewerConfig
+from mulan.viewer.serve import page_of_training
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,10 @@ class Options:
     what its pose covariance deserves."""
     refine_poses: bool = False
     """Correct the poses that carry a covariance while the field is learnt (transforms_refined.json)."""
+    view: bool = False
+    """Show the field in the browser while it learns; the page can pause the training."""
+    viewer: ViewerConfig = field(default_factory=ViewerConfig)
+    """The page."""
     config: tyro.conf.AvoidSubcommands[tyro.conf.OmitArgPrefixes[TrainConfig]] = field(
         default_factory=TrainConfig
     )
@@ -87,6 +94,7 @@ def train_run(
     config: TrainConfig,
     group: ProcessGroup | None = None,
     refinement: RefinementConfig | None = None,
+    watch: Callable[[TrainingStatus], None] | None = None,
 ) -> None:
     """Train with a progress bar and say how good it became."""
     if group:
@@ -96,7 +104,7 @@ def train_run(
         console.print("Going on with the training that was stopped")
     before = run.field.stat().st_mtime_ns if run.field.exists() else None
     with progress_bar("Training") as progress:
-        metrics = reconstruct(images, weighting, config, run, progress, group, refinement)
+        metrics = reconstruct(images, weighting, config, run, progress, group, refinement, watch)
     if before is not None:
         kept = run.field.stat().st_mtime_ns == before
         console.print(
@@ -126,7 +134,11 @@ def main(arguments: Sequence[str]) -> int:
                     images, run.transforms
                 )  # the run then holds what plan, render and report need
         refinement = RefinementConfig() if options.refine_poses else None
-        train_run(run, images, weighting_named(options.weighting), options.config, group, refinement)
+        with (
+            page_of_training(run, options.viewer) if options.view and is_leader() else nullcontext() as watch
+        ):
+            weighting = weighting_named(options.weighting)
+            train_run(run, images, weighting, options.config, group, refinement, watch)
     if not is_leader():
         return 0
     run.record_config("train", asdict(options))

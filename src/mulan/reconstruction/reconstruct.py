@@ -29,11 +29,14 @@ def reconstruct(
     progress: Progress,
     group: ProcessGroup | None = None,
     refinement: RefinementConfig | None = None,
+    watch: Callable[[TrainingStatus], None] | None = None,
 ) -> dict[str, Any]:
     """Train and evaluate; a run already finished with the same images and options is kept as it is.
 
     With ``refinement`` the poses that carry a covariance are corrected as the field is learnt
     (``transforms_refined.json``), by one process.
+
+    ``watch`` is called after every step, off the training clock.
 
     Each process of ``group`` calls this with the same arguments; all learn, the leader writes and evaluates.
 
@@ -64,13 +67,15 @@ def reconstruct(
     def follow(status: TrainingStatus) -> None:
         rate = status.samples / max(status.seconds, 1e-9) / 1e6
         progress(status.fraction_done, 1, f"train {status.train_psnr_db:.1f} dB, {rate:.2f} M samples/s")
+        if watch:
+            watch(status)
 
     metrics: dict[str, Any] = {}
     if refinement:
         if group:
             remedy = "train in one process, or leave poses as they are"
             raise InputError("--refine-poses", "torchrun", "several processes cannot refine poses", remedy)
-        refined = refine_and_train(images, weighting, config, refinement, run, progress)
+        refined = refine_and_train(images, weighting, config, refinement, run, progress, watch)
         result = refined.training
         metrics |= {
             "registration_seconds": refined.registration_seconds,

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 # square roots of the 95 % quantiles of chi-squared with two and three degrees of freedom
 _SIGMAS_95_PLANE = 2.4477468
-_SIGMAS_95_SPACE = 2.7954835
+SIGMAS_95_SPACE = 2.7954835
 _EXAGGERATIONS = (1, 2, 5, 10, 20, 50, 100)
 _SMALLEST_VISIBLE_SHARE = 0.012  # of the map's extent
 
@@ -35,7 +35,7 @@ def ellipsoid_95(
     angle = np.linspace(0, 2 * np.pi, points)
     c, s, o = np.cos(angle), np.sin(angle), np.zeros_like(angle)
     eigenvalue, axes = np.linalg.eigh(covariance)
-    scaled = axes * np.sqrt(np.clip(eigenvalue, 0, None)) * exaggeration * _SIGMAS_95_SPACE
+    scaled = axes * np.sqrt(np.clip(eigenvalue, 0, None)) * exaggeration * SIGMAS_95_SPACE
     rings = (np.stack([c, s, o], -1), np.stack([c, o, s], -1), np.stack([o, c, s], -1))
     return [centre + ring @ scaled.T for ring in rings]
 

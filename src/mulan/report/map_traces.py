@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy.typing import NDArray
 
 from mulan.report.charts import colour_of, translucent
@@ -131,29 +131,39 @@ def ellipse_traces(robots: list[RobotOnMap], in_space: bool, exaggeration: int) 
 
 def bearing_traces(localization: dict[str, Any], robots: list[RobotOnMap], in_space: bool) -> list[Trace]:
     """Radio bearings as rays that end beside the peer; those judged outliers dotted."""
-    by_name = {robot.name: robot for robot in robots}
-    bearings = localization["bearings"]
-    kept = [bearings[i] for i in _spread(len(bearings), _MOST_BEARINGS)]
+    segments, inliers = bearing_segments(localization, robots)
     traces = []
     for inlier, name, dash, colour in (
         (True, "bearing", "solid", translucent("#7b8794", 0.45)),
         (False, "outlier bearing", "dot", "#d64545"),
     ):
-        rays = [_ray(b, by_name) for b in kept if (b["inlier"] >= 0.5) == inlier]
-        if rays:
-            line = _line(np.concatenate(rays), in_space, color=colour, width=1, dash=dash)
+        rays = segments[inliers == inlier]
+        if len(rays):
+            with_gaps = np.concatenate([rays, np.broadcast_to(_GAP, (len(rays), 1, 3))], 1).reshape(-1, 3)
+            line = _line(with_gaps, in_space, color=colour, width=1, dash=dash)
             traces.append(line | {"name": name, "hoverinfo": "skip"})
     return traces
 
 
-def _ray(bearing: dict[str, Any], robots: dict[str, RobotOnMap]) -> Float[NDArray, "3 3"]:
+def bearing_segments(
+    localization: dict[str, Any], robots: list[RobotOnMap], until_s: float = np.inf
+) -> tuple[Float[NDArray, "n 2 3"], Bool[NDArray, "n"]]:
+    """Some of the bearings as segments that end beside the peer, and whether each was judged an inlier."""
+    by_name = {robot.name: robot for robot in robots}
+    bearings = [b for b in localization["bearings"] if b["time_s"] <= until_s]
+    kept = [bearings[i] for i in _spread(len(bearings), _MOST_BEARINGS)]
+    segments = np.array([_segment(b, by_name) for b in kept], dtype=float).reshape(-1, 2, 3)
+    return segments, np.array([b["inlier"] >= 0.5 for b in kept], dtype=bool)
+
+
+def _segment(bearing: dict[str, Any], robots: dict[str, RobotOnMap]) -> Float[NDArray, "2 3"]:
     origin, direction = (np.array(bearing[k], dtype=float) for k in ("origin_world", "direction_world"))
     peer = robots.get(bearing["peer"])
     reach = 1.0
     if peer is not None and len(peer.photos):
         nearest = peer.photos[np.abs(peer.time_s - bearing["time_s"]).argmin()]
         reach = float(np.linalg.norm(nearest - origin))
-    return np.concatenate([np.stack([origin, origin + reach * direction]), _GAP])
+    return np.stack([origin, origin + reach * direction])
 
 
 def _points(points: NDArray, in_space: bool) -> Trace:

@@ -86,6 +86,7 @@ def refine_and_train(
     refinement: RefinementConfig,
     run: RunFolder,
     progress: Progress,
+    watch: Callable[[TrainingStatus], None] | None = None,
 ) -> RefinedTraining:
     """Register the uncertain images coarse to fine, then learn the field, its poses following.
 
@@ -100,6 +101,7 @@ def refine_and_train(
         refinement: How poses are corrected.
         run: Folder to write to.
         progress: Called after every step of either part.
+        watch: Called after every step of the training, off its clock.
 
     Raises:
         InputError: See :func:`mulan.reconstruction.trainer.train`; or no image is exact and none is better
@@ -110,6 +112,8 @@ def refine_and_train(
     def follow(status: TrainingStatus) -> None:
         rate = status.samples / max(status.seconds, 1e-9) / 1e6
         progress(status.fraction_done, 1, f"train {status.train_psnr_db:.1f} dB, {rate:.2f} M samples/s")
+        if watch:
+            watch(status)
 
     if state is None:
         return RefinedTraining(train(images, weighting, config, run, follow), images, 0.0)

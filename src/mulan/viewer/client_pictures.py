@@ -1,0 +1,129 @@
+"""What one browser sees: coarse pictures while its camera moves, a fine one once it stands still."""
+
+import threading
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import NDArray
+
+from mulan.geometry import se3, so3
+from mulan.geometry.camera import R_OPTICAL_OPENGL, PinholeCamera
+from mulan.mission.pixels import resized_shape
+from mulan.viewer.engine_access import EngineAccess
+from mulan.viewer.frame import Frame, Quantity, pinhole, render_frame
+
+if TYPE_CHECKING:
+    from viser import ClientHandle
+
+_REST_S = 0.15  # a camera that has not moved for so long stands still
+_PATIENCE_S = 0.5  # between looks at whether the client is still there
+
+
+@dataclass
+class PictureConfig:
+    """How large the page's pictures are."""
+
+    moving_side: int = 256
+    """Longest side while the camera moves, pixels."""
+    still_side: int = 640
+    """Longest side once it stands still, pixels."""
+    jpeg_quality: int = 80
+    """Of the pictures sent to the browser (1-95)."""
+    refresh_s: float = 2.0
+    """A standing picture of a field that still learns is drawn again after so long."""
+
+
+@dataclass(frozen=True)
+class ClientCamera:
+    """Where a browser looks from.
+
+    Attributes:
+        T_world_camera: OpenGL axes.
+        vertical_fov_rad: Angle the window's height sees.
+        width, height: Window, pixels.
+    """
+
+    T_world_camera: Float[NDArray, "4 4"]
+    vertical_fov_rad: float
+    width: int
+    height: int
+
+    def camera(self, longest_side: int) -> PinholeCamera:
+        """The lens of a picture of that size."""
+        return pinhole(*resized_shape(self.width, self.height, longest_side), self.vertical_fov_rad)
+
+
+def camera_of(client: "ClientHandle") -> ClientCamera:
+    """The browser's camera; viser's has OpenCV axes and a quaternion (w, x, y, z)."""
+    camera = client.camera
+    w, x, y, z = camera.wxyz
+    R = so3.from_quaternion(np.array([x, y, z, w])) @ R_OPTICAL_OPENGL
+    width, height = camera.image_width or 640, camera.image_height or 360
+    return ClientCamera(se3.from_parts(R, np.asarray(camera.position, float)), camera.fov, width, height)
+
+
+class ClientPictures:
+    """Draws one browser's background until it goes away.
+
+    Attributes:
+        frames: Pictures drawn so far.
+        last: The latest one.
+        seconds_a_frame: What the latest took, drawing and sending.
+    """
+
+    def __init__(
+        self, client: "ClientHandle", engine: EngineAccess, config: PictureConfig, still_learns: bool
+    ) -> None:
+        """Begin at once, in a thread of its own."""
+        self._client, self._engine, self._config = client, engine, config
+        self._changed, self._gone = threading.Event(), threading.Event()
+        self._still_learns = still_learns
+        self.quantity: Quantity = "colour"
+        self.frames, self.seconds_a_frame = 0, 0.0
+        self.last: Frame | None = None
+        client.camera.on_update(lambda _: self.redraw())
+        self._changed.set()
+        self._thread = threading.Thread(target=self._draw, name="client pictures", daemon=True)
+        self._thread.start()
+
+    def redraw(self) -> None:
+        """What is shown has changed: the camera, the quantity or the field."""
+        self._changed.set()
+
+    def stop(self) -> None:
+        """The browser is gone."""
+        self._gone.set()
+        self._changed.set()
+        self._thread.join(timeout=10)
+
+    def _draw(self) -> None:
+        fine, rested_s = True, 0.0
+        while not self._gone.is_set():
+            moved = self._changed.wait(_PATIENCE_S if fine else _REST_S)
+            self._changed.clear()
+            if self._gone.is_set():
+                return
+            if moved:
+                self._draw_one(self._config.moving_side)
+                fine = False
+            elif not fine:
+                self._draw_one(self._config.still_side)
+                fine = True
+                rested_s = time.monotonic()
+            elif self._still_learns and time.monotonic() - rested_s > self._config.refresh_s:
+                self._draw_one(self._config.still_side)
+                rested_s = time.monotonic()
+
+    def _draw_one(self, side: int) -> None:
+        began = time.monotonic()
+        view, quantity = camera_of(self._client), self.quantity
+        frame = self._engine.use(
+            lambda engine: render_frame(engine, view.camera(side), view.T_world_camera, quantity)
+        )
+        self._client.scene.set_background_image(
+            frame.picture, "jpeg", jpeg_quality=self._config.jpeg_quality, depth=frame.depth_m
+        )
+        self.last, self.frames, self.seconds_a_frame = frame, self.frames + 1, time.monotonic() - began

@@ -1,0 +1,199 @@
+"""The page: the field behind, the mission in it, the controls beside."""
+
+import threading
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mulan.errors import InputError
+from mulan.geometry.alignment import point_nearest_to_axes
+from mulan.mission.nerfstudio import read_transforms
+from mulan.mission.posed_images import PosedImageSet
+from mulan.mission.run_folder import RunFolder
+from mulan.reconstruction.camera_paths import orbit
+from mulan.report.run_contents import RunContents, read_run
+from mulan.viewer.candidate_layers import CandidateLayers
+from mulan.viewer.client_pictures import ClientPictures, PictureConfig
+from mulan.viewer.engine_access import EngineAccess, TrainingEngine
+from mulan.viewer.frame import Quantity
+from mulan.viewer.goal_controls import GoalControls
+from mulan.viewer.goals import GoalSink
+from mulan.viewer.mission_layers import LayerChoice, MissionLayers
+from mulan.viewer.panel import LayerControls, PictureControls, TrainingControls, add_figures, add_radio
+from mulan.viewer.photograph_layers import PhotographLayers
+
+if TYPE_CHECKING:
+    from viser import ClientHandle, ViserServer
+
+_FRUSTUM_SHARE = 0.05  # of the distance to what the photographs look at
+
+
+@dataclass
+class ViewerConfig:
+    """Where the page is served, and its pictures."""
+
+    host: str = "127.0.0.1"
+    """Address to serve on; 0.0.0.0 lets other computers open the page (anyone who reaches the port can)."""
+    port: int = 8080
+    """Port; the next free one is taken where it is in use."""
+    picture: PictureConfig = field(default_factory=PictureConfig)
+    """Size of the pictures."""
+
+
+class ViewerPage:
+    """A served page; close it with :meth:`stop`.
+
+    Attributes:
+        url: Where to open it on this machine.
+        pictures: What each connected browser is shown, by its number.
+    """
+
+    def __init__(
+        self, run: RunFolder, engine: EngineAccess, goals: GoalSink, config: ViewerConfig | None = None
+    ) -> None:
+        """Serve a run.
+
+        Args:
+            run: The folder; ``transforms.json`` must be there, the rest is shown where it is.
+            engine: The field.
+            goals: Where views picked by hand go.
+            config: Address and pictures.
+
+        Raises:
+            InputError: viser is not installed, or the run has no photographs.
+        """
+        self._config, self._engine, self._run = config or ViewerConfig(), engine, run
+        images, contents = _read(run)
+        self._server = _new_server(self._config)
+        self.pictures: dict[int, ClientPictures] = {}
+        self._quantity: Quantity = "colour"
+        self._lock = threading.Lock()
+        self._place_first_camera(images)
+        self._build(images, contents, goals)
+        self._server.on_client_connect(self._welcome)
+        self._server.on_client_disconnect(self._farewell)
+
+    @property
+    def url(self) -> str:
+        """On this machine."""
+        host = "localhost" if self._config.host in ("0.0.0.0", "::") else self._config.host
+        return f"http://{host}:{self._server.get_port()}"
+
+    def stop(self) -> None:
+        """Close all."""
+        for pictures in list(self.pictures.values()):
+            pictures.stop()
+        self._server.stop()
+
+    def redraw(self) -> None:
+        """The field has changed."""
+        for pictures in list(self.pictures.values()):
+            pictures.redraw()
+
+    def show_plan(self) -> None:
+        """Read plan.json again."""
+        contents = read_run(self._run)
+        if contents.plan is not None:
+            with self._lock, self._server.atomic():
+                self._candidates = CandidateLayers(self._server.scene, contents.plan, self._scale_m)
+                self._candidates.show(True)
+
+    def refresh(self) -> None:
+        """Bring the words beside the picture up to date; called now and then."""
+        last = next((p for p in self.pictures.values() if p.last is not None), None)
+        if last is not None and last.last is not None:
+            speed = f"{1 / max(last.seconds_a_frame, 1e-3):.0f} pictures/s"
+            self._picture_controls.say(f"{last.last.legend}  \n{speed}" if last.last.legend else speed)
+        if self._training_controls is not None:
+            self._training_controls.refresh()
+
+    def training_ended(self) -> None:
+        """The buttons have nothing left to do."""
+        if self._training_controls is not None:
+            self._training_controls.end()
+        self.redraw()
+
+    def _place_first_camera(self, images: PosedImageSet) -> None:
+        T = np.stack([image.T_world_camera for image in images.train])
+        centre_m = point_nearest_to_axes(T[:, :3, 3], -T[:, :3, 2])
+        _, first = orbit(images, 1)[0]
+        distance_m = float(np.linalg.norm(first[:3, 3] - centre_m))
+        self._scale_m = _FRUSTUM_SHARE * distance_m
+        camera = self._server.initial_camera
+        camera.position, camera.look_at = tuple(first[:3, 3]), tuple(centre_m)
+
+    def _build(self, images: PosedImageSet, contents: RunContents, goals: GoalSink) -> None:
+        server = self._server
+        server.scene.set_up_direction("+z")
+        mission = MissionLayers(server.scene, contents.localization) if contents.localization else None
+        photographs = PhotographLayers(server, images, self._scale_m)
+        self._candidates = (
+            CandidateLayers(server.scene, contents.plan, self._scale_m) if contents.plan else None
+        )
+
+        def layers_changed(choice: LayerChoice, photos: bool, candidates: bool) -> None:
+            with self._lock, server.atomic():
+                if mission is not None:
+                    mission.show(choice)
+                photographs.show(photos, choice.until_s)
+                if self._candidates is not None:
+                    self._candidates.show(candidates)
+
+        server.gui.configure_theme(control_layout="collapsible", dark_mode=False, show_logo=False)
+        self._picture_controls = PictureControls(server.gui, self._show_quantity)
+        self._training_controls = (
+            TrainingControls(server.gui, self._engine) if isinstance(self._engine, TrainingEngine) else None
+        )
+        controls = LayerControls(
+            server.gui,
+            mission.span_s if mission else None,
+            mission is not None and any(robot.truth is not None for robot in mission.robots),
+            mission.exaggeration if mission else 1,
+            layers_changed,
+        )
+        names = contents.robots or sorted({image.robot_id or "camera" for image in images.train})
+        self._goal_controls = GoalControls(server, names, goals, self._scale_m)
+        add_figures(server.gui, contents.headline_metrics, contents.history)
+        if contents.localization:
+            add_radio(server.gui, contents.localization)
+        layers_changed(controls.choice(), True, True)
+
+    def _show_quantity(self, quantity: Quantity) -> None:
+        self._quantity = quantity
+        for pictures in list(self.pictures.values()):
+            pictures.quantity = quantity
+        self.redraw()
+
+    def _welcome(self, client: "ClientHandle") -> None:
+        still_learns = isinstance(self._engine, TrainingEngine)
+        pictures = ClientPictures(client, self._engine, self._config.picture, still_learns)
+        pictures.quantity = self._quantity
+        self.pictures[client.client_id] = pictures
+
+    def _farewell(self, client: "ClientHandle") -> None:
+        pictures = self.pictures.pop(client.client_id, None)
+        if pictures is not None:
+            pictures.stop()
+
+
+def _read(run: RunFolder) -> tuple[PosedImageSet, RunContents]:
+    contents = read_run(run)
+    images = read_transforms(run.transforms)
+    if not images.train:
+        raise InputError(run.transforms, "frames", "no training image", "add photographs and poses")
+    return images, contents
+
+
+def _new_server(config: ViewerConfig) -> "ViserServer":
+    try:
+        import viser
+    except ImportError:
+        raise InputError(
+            "mulan view", "viser", "is not installed", "pip install 'mulan[view]', or 'pip install viser'"
+        ) from None
+    try:
+        return viser.ViserServer(host=config.host, port=config.port, label="MULAN", verbose=False)
+    except OSError as error:
+        remedy = "give another --viewer.host or --viewer.port"
+        raise InputError(f"{config.host}:{config.port}", "address", str(error), remedy) from error
