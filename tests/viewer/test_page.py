@@ -11,10 +11,10 @@ from mulan.cli.main import run_command
 from mulan.errors import InputError
 from mulan.mission.nerfstudio import write_transforms
 from mulan.mission.run_folder import RunFolder
-from mulan.viewer.client_pictures import PictureConfig
 from mulan.viewer.engine_access import FinishedEngine, TrainingEngine
 from mulan.viewer.goals import GoalFile
-from mulan.viewer.page import ViewerConfig, ViewerPage
+from mulan.viewer.page import ViewerPage
+from mulan.viewer.viewer_config import PictureConfig, ViewerConfig
 from tests.planning.analytic_engine import BallEngine
 from tests.reconstruction.cube_scene import cube_images
 from tests.report.synthetic_run import full_run
@@ -53,7 +53,6 @@ def test_a_visitor_sees_the_field_and_the_robots_and_sends_one(run: RunFolder, o
         wait(lambda: pictures.last is not None and "unsure is bright" in pictures.last.legend)
         page.refresh()
         browser.wait_for("document.body.innerText.includes('unsure is bright')")
-        browser.click("Send a robot")
         browser.click("Take the view I see")
         wait((run.root / "goals.json").exists)
         goal = json.loads((run.root / "goals.json").read_text())["robot_1"]["T_world_camera"]

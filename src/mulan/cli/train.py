@@ -1,7 +1,7 @@
 """``mulan train``: learn the radiance field from a run or from any posed image set."""
 
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
@@ -23,8 +23,7 @@ from mulan.reconstruction.torchrun import is_leader
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.trainer import TrainingStatus
 from mulan.reconstruction.weights import NoWeights, UncertaintyWeights, Weighting
-from mulan.viewer.page import ViewerConfig
-from mulan.viewer.serve import page_of_training
+from mulan.viewer.viewer_config import ViewerConfig
 
 
 @dataclass(frozen=True)
@@ -119,6 +118,17 @@ def train_run(
     if "median_correction_m" in metrics:
         moved_cm = 100 * metrics["median_correction_m"]
         console.print(f"Poses corrected by {moved_cm:.1f} cm (median): [bold]{run.root / REFINED}[/]")
+
+
+def _page(
+    run: RunFolder, options: Options
+) -> AbstractContextManager[Callable[[TrainingStatus], None] | None]:
+    if not options.view or not is_leader():
+        return nullcontext()
+    # the page's library takes a second to load, which other trainings need not wait for
+    from mulan.viewer.serve import page_of_training
+
+    return page_of_training(run, options.viewer, console.print)
 
 
 def main(arguments: Sequence[str]) -> int:

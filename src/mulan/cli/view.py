@@ -13,11 +13,12 @@ from mulan.cli.progress import console
 from mulan.errors import InputError
 from mulan.mission.run_folder import RunFolder
 from mulan.reconstruction.field_file import load_engine
-from mulan.report.run_contents import read_run
+from mulan.report.run_contents import RunContents, read_run
 from mulan.viewer.engine_access import FinishedEngine
 from mulan.viewer.goals import GoalFile
-from mulan.viewer.page import ViewerConfig, ViewerPage
+from mulan.viewer.page import ViewerPage
 from mulan.viewer.run_watch import RunWatch
+from mulan.viewer.viewer_config import ViewerConfig
 
 _REFRESH_S = 0.5
 
@@ -39,9 +40,10 @@ class Options:
 def main(arguments: Sequence[str]) -> int:
     """Serve one run until interrupted."""
     options = tyro.cli(Options, args=arguments, prog="mulan view")
-    run = _trained(RunFolder(options.run))
+    contents = read_run(RunFolder(options.run))
+    run = _trained(contents)
     engine = FinishedEngine(load_engine(run.field))
-    page = ViewerPage(run, engine, GoalFile(run.root / "goals.json"), options.viewer)
+    page = ViewerPage(run, engine, GoalFile(run.root / "goals.json"), options.viewer, contents)
 
     def field_changed() -> None:
         engine.replace(load_engine(run.field))
@@ -67,15 +69,15 @@ def main(arguments: Sequence[str]) -> int:
     return 0
 
 
-def _trained(run: RunFolder) -> RunFolder:
+def _trained(contents: RunContents) -> RunFolder:
     """The run itself, or the setup of an evaluation that is shown first.
 
     Raises:
         InputError: There is no field.
     """
-    contents = read_run(run)
+    run = contents.run
     if contents.headline_setup is not None and not run.field.exists():
         run = contents.setups[contents.headline_setup].run
     if not run.field.exists():
-        raise InputError(run.field, "file", "does not exist", f"make it with 'mulan train --run {run.root}'")
+        raise InputError(run.field, "file", "does not exist", f"make it with 'mulan train {run.root}'")
     return run

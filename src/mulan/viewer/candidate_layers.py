@@ -1,17 +1,15 @@
 """Proposed views in the scene: one camera each, coloured by what it is expected to teach."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from matplotlib import colormaps
 from numpy.typing import NDArray
+from viser import SceneApi
 
 from mulan.viewer.frame import pinhole
 from mulan.viewer.photograph_layers import add_frustum
-
-if TYPE_CHECKING:
-    from viser import SceneApi
 
 _ROOT = "/candidates"
 _LENS = pinhole(64, 48, np.radians(45))  # plan.json keeps poses, not lenses
@@ -28,7 +26,7 @@ def gain_colours(score: Float[NDArray, "n"]) -> NDArray[np.uint8]:
 class CandidateLayers:
     """The candidates of plan.json."""
 
-    def __init__(self, scene: "SceneApi", plan: dict[str, Any], scale_m: float) -> None:
+    def __init__(self, scene: SceneApi, plan: dict[str, Any], scale_m: float) -> None:
         self._scene, self._plan, self._scale_m = scene, plan, scale_m
 
     def show(self, visible: bool) -> None:

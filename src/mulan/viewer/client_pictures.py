@@ -3,37 +3,21 @@
 import threading
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
+from viser import ClientHandle
 
 from mulan.geometry import se3, so3
 from mulan.geometry.camera import R_OPTICAL_OPENGL, PinholeCamera
 from mulan.mission.pixels import resized_shape
 from mulan.viewer.engine_access import EngineAccess
 from mulan.viewer.frame import Frame, Quantity, pinhole, render_frame
-
-if TYPE_CHECKING:
-    from viser import ClientHandle
+from mulan.viewer.viewer_config import PictureConfig
 
 _REST_S = 0.15  # a camera that has not moved for so long stands still
 _PATIENCE_S = 0.5  # between looks at whether the client is still there
-
-
-@dataclass
-class PictureConfig:
-    """How large the page's pictures are."""
-
-    moving_side: int = 256
-    """Longest side while the camera moves, pixels."""
-    still_side: int = 640
-    """Longest side once it stands still, pixels."""
-    jpeg_quality: int = 80
-    """Of the pictures sent to the browser (1-95)."""
-    refresh_s: float = 2.0
-    """A standing picture of a field that still learns is drawn again after so long."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +40,7 @@ class ClientCamera:
         return pinhole(*resized_shape(self.width, self.height, longest_side), self.vertical_fov_rad)
 
 
-def camera_of(client: "ClientHandle") -> ClientCamera:
+def camera_of(client: ClientHandle) -> ClientCamera:
     """The browser's camera; viser's has OpenCV axes and a quaternion (w, x, y, z)."""
     camera = client.camera
     w, x, y, z = camera.wxyz
@@ -75,7 +59,7 @@ class ClientPictures:
     """
 
     def __init__(
-        self, client: "ClientHandle", engine: EngineAccess, config: PictureConfig, still_learns: bool
+        self, client: ClientHandle, engine: EngineAccess, config: PictureConfig, still_learns: bool
     ) -> None:
         """Begin at once, in a thread of its own."""
         self._client, self._engine, self._config = client, engine, config

@@ -1,6 +1,6 @@
 """The part of the panel where a person sends a robot to the view now on the screen."""
 
-from typing import TYPE_CHECKING
+from viser import ViserServer
 
 from mulan.errors import InputError
 from mulan.report.charts import colour_of
@@ -9,17 +9,14 @@ from mulan.viewer.goals import GoalSink
 from mulan.viewer.mission_layers import rgb
 from mulan.viewer.photograph_layers import add_frustum
 
-if TYPE_CHECKING:
-    from viser import ViserServer
-
 _GOAL_SCALE = 2.0
 
 
 class GoalControls:
     """Choose a robot, look where it shall look, press the button."""
 
-    def __init__(self, server: "ViserServer", robots: list[str], goals: GoalSink, scale_m: float) -> None:
-        with server.gui.add_folder("Send a robot", expand_by_default=False):
+    def __init__(self, server: ViserServer, robots: list[str], goals: GoalSink, scale_m: float) -> None:
+        with server.gui.add_folder("Send a robot"):
             robot = server.gui.add_dropdown("Robot", tuple(robots))
             button = server.gui.add_button("Take the view I see")
             said = server.gui.add_markdown("")

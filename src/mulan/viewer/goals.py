@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from mulan.mission.run_folder import read_json, write_json
 
 
+@runtime_checkable
 class GoalSink(Protocol):
     """Where picked goals go: a file of the run, or the robots themselves."""
 

@@ -1,18 +1,16 @@
 """Robots in the scene: paths, true paths, 95 % ellipsoids and bearings, up to a moment of the mission."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import NDArray
+from viser import SceneApi
 
 from mulan.geometry import so3
 from mulan.report.covariance_shapes import SIGMAS_95_SPACE
 from mulan.report.map_traces import RobotOnMap, bearing_segments, common_exaggeration, robots_on_map
-
-if TYPE_CHECKING:
-    from viser import SceneApi
 
 _ROOT = "/mission"
 _NAME_ABOVE_M = 0.08
@@ -50,7 +48,7 @@ class MissionLayers:
         robots: What is drawn, by robot.
     """
 
-    def __init__(self, scene: "SceneApi", localization: dict[str, Any]) -> None:
+    def __init__(self, scene: SceneApi, localization: dict[str, Any]) -> None:
         self._scene, self._localization = scene, localization
         self.robots = robots_on_map(localization)
         self.exaggeration = common_exaggeration(self.robots)

@@ -1,10 +1,9 @@
 """The page: the field behind, the mission in it, the controls beside."""
 
 import threading
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
+from viser import ClientHandle, ViserServer
 
 from mulan.errors import InputError
 from mulan.geometry.alignment import point_nearest_to_axes
@@ -14,7 +13,7 @@ from mulan.mission.run_folder import RunFolder
 from mulan.reconstruction.camera_paths import orbit
 from mulan.report.run_contents import RunContents, read_run
 from mulan.viewer.candidate_layers import CandidateLayers
-from mulan.viewer.client_pictures import ClientPictures, PictureConfig
+from mulan.viewer.client_pictures import ClientPictures
 from mulan.viewer.engine_access import EngineAccess, TrainingEngine
 from mulan.viewer.frame import Quantity
 from mulan.viewer.goal_controls import GoalControls
@@ -22,23 +21,9 @@ from mulan.viewer.goals import GoalSink
 from mulan.viewer.mission_layers import LayerChoice, MissionLayers
 from mulan.viewer.panel import LayerControls, PictureControls, TrainingControls, add_figures, add_radio
 from mulan.viewer.photograph_layers import PhotographLayers
-
-if TYPE_CHECKING:
-    from viser import ClientHandle, ViserServer
+from mulan.viewer.viewer_config import ViewerConfig
 
 _FRUSTUM_SHARE = 0.05  # of the distance to what the photographs look at
-
-
-@dataclass
-class ViewerConfig:
-    """Where the page is served, and its pictures."""
-
-    host: str = "127.0.0.1"
-    """Address to serve on; 0.0.0.0 lets other computers open the page (anyone who reaches the port can)."""
-    port: int = 8080
-    """Port; the next free one is taken where it is in use."""
-    picture: PictureConfig = field(default_factory=PictureConfig)
-    """Size of the pictures."""
 
 
 class ViewerPage:
@@ -50,7 +35,12 @@ class ViewerPage:
     """
 
     def __init__(
-        self, run: RunFolder, engine: EngineAccess, goals: GoalSink, config: ViewerConfig | None = None
+        self,
+        run: RunFolder,
+        engine: EngineAccess,
+        goals: GoalSink,
+        config: ViewerConfig,
+        contents: RunContents | None = None,
     ) -> None:
         """Serve a run.
 
@@ -59,12 +49,14 @@ class ViewerPage:
             engine: The field.
             goals: Where views picked by hand go.
             config: Address and pictures.
+            contents: What to show around the field, where not the run's own: an evaluation keeps the
+                localization above its setups.
 
         Raises:
-            InputError: viser is not installed, or the run has no photographs.
+            InputError: The run has no photographs, or the address cannot be served.
         """
-        self._config, self._engine, self._run = config or ViewerConfig(), engine, run
-        images, contents = _read(run)
+        self._config, self._engine, self._run = config, engine, run
+        images, contents = _read_images(run), contents or read_run(run)
         self._server = _new_server(self._config)
         self.pictures: dict[int, ClientPictures] = {}
         self._quantity: Quantity = "colour"
@@ -140,7 +132,7 @@ class ViewerPage:
                 if self._candidates is not None:
                     self._candidates.show(candidates)
 
-        server.gui.configure_theme(control_layout="collapsible", dark_mode=False, show_logo=False)
+        server.gui.configure_theme(dark_mode=False, show_logo=False)
         self._picture_controls = PictureControls(server.gui, self._show_quantity)
         self._training_controls = (
             TrainingControls(server.gui, self._engine) if isinstance(self._engine, TrainingEngine) else None
@@ -165,35 +157,28 @@ class ViewerPage:
             pictures.quantity = quantity
         self.redraw()
 
-    def _welcome(self, client: "ClientHandle") -> None:
+    def _welcome(self, client: ClientHandle) -> None:
         still_learns = isinstance(self._engine, TrainingEngine)
         pictures = ClientPictures(client, self._engine, self._config.picture, still_learns)
         pictures.quantity = self._quantity
         self.pictures[client.client_id] = pictures
 
-    def _farewell(self, client: "ClientHandle") -> None:
+    def _farewell(self, client: ClientHandle) -> None:
         pictures = self.pictures.pop(client.client_id, None)
         if pictures is not None:
             pictures.stop()
 
 
-def _read(run: RunFolder) -> tuple[PosedImageSet, RunContents]:
-    contents = read_run(run)
+def _read_images(run: RunFolder) -> PosedImageSet:
     images = read_transforms(run.transforms)
     if not images.train:
         raise InputError(run.transforms, "frames", "no training image", "add photographs and poses")
-    return images, contents
+    return images
 
 
-def _new_server(config: ViewerConfig) -> "ViserServer":
+def _new_server(config: ViewerConfig) -> ViserServer:
     try:
-        import viser
-    except ImportError:
-        raise InputError(
-            "mulan view", "viser", "is not installed", "pip install 'mulan[view]', or 'pip install viser'"
-        ) from None
-    try:
-        return viser.ViserServer(host=config.host, port=config.port, label="MULAN", verbose=False)
+        return ViserServer(host=config.host, port=config.port, label="MULAN", verbose=False)
     except OSError as error:
         remedy = "give another --viewer.host or --viewer.port"
         raise InputError(f"{config.host}:{config.port}", "address", str(error), remedy) from error

@@ -1,17 +1,15 @@
 """The controls beside the picture."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from viser import GuiApi
 
 from mulan.viewer.engine_access import TrainingEngine
 from mulan.viewer.frame import Quantity
 from mulan.viewer.mission_layers import LayerChoice
 from mulan.viewer.radio_picture import draw_profile
-
-if TYPE_CHECKING:
-    from viser import GuiApi
 
 _QUANTITIES: dict[str, Quantity] = {"Colour": "colour", "Depth": "depth", "Uncertainty": "uncertainty"}
 
@@ -19,7 +17,7 @@ _QUANTITIES: dict[str, Quantity] = {"Colour": "colour", "Depth": "depth", "Uncer
 class PictureControls:
     """What the picture shows, and how fast it is drawn."""
 
-    def __init__(self, gui: "GuiApi", changed: Callable[[Quantity], None]) -> None:
+    def __init__(self, gui: GuiApi, changed: Callable[[Quantity], None]) -> None:
         with gui.add_folder("Picture"):
             choice = gui.add_button_group("Show", tuple(_QUANTITIES), hint="Uncertainty: σ of the colour")
             self._legend = gui.add_markdown("")
@@ -39,7 +37,7 @@ class LayerControls:
 
     def __init__(
         self,
-        gui: "GuiApi",
+        gui: GuiApi,
         span_s: tuple[float, float] | None,
         has_truth: bool,
         exaggeration: int,
@@ -85,7 +83,7 @@ class LayerControls:
 class TrainingControls:
     """Pause, step, and how far the training is."""
 
-    def __init__(self, gui: "GuiApi", training: TrainingEngine) -> None:
+    def __init__(self, gui: GuiApi, training: TrainingEngine) -> None:
         self._training, self._ended = training, False
         with gui.add_folder("Training"):
             self._words = gui.add_markdown("begins ...")
@@ -124,7 +122,7 @@ class TrainingControls:
         self._words.content = "finished"
 
 
-def add_figures(gui: "GuiApi", metrics: dict[str, Any], history: list[dict[str, Any]] | None) -> None:
+def add_figures(gui: GuiApi, metrics: dict[str, Any], history: list[dict[str, Any]] | None) -> None:
     """Figures of merit, and the curve of the training."""
     lines = []
     if isinstance(metrics.get("psnr_db"), int | float):
@@ -148,7 +146,7 @@ def add_figures(gui: "GuiApi", metrics: dict[str, Any], history: list[dict[str, 
             )
 
 
-def add_radio(gui: "GuiApi", localization: dict[str, Any]) -> None:
+def add_radio(gui: GuiApi, localization: dict[str, Any]) -> None:
     """The profile of the sharpest link, where the run keeps one."""
     if localization.get("profile"):
         with gui.add_folder("Radio", expand_by_default=False):

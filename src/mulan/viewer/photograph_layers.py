@@ -1,20 +1,16 @@
 """Photographs in the scene: each a frustum at its camera's pose with the picture in it."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
 from PIL import Image
+from viser import CameraFrustumHandle, SceneApi, ViserServer
 
 from mulan.geometry import so3
 from mulan.geometry.camera import R_OPTICAL_OPENGL, PinholeCamera
 from mulan.mission.posed_images import PosedImage, PosedImageSet
 from mulan.report.charts import colour_of
 from mulan.viewer.mission_layers import rgb
-
-if TYPE_CHECKING:
-    from viser import CameraFrustumHandle, SceneApi, ViserServer
 
 _ROOT = "/photographs"
 _THUMBNAIL_SIDE = 96
@@ -28,14 +24,14 @@ def optical_wxyz(T_world_camera: Float[NDArray, "4 4"]) -> tuple[float, float, f
 
 
 def add_frustum(
-    scene: "SceneApi",
+    scene: SceneApi,
     name: str,
     camera: PinholeCamera,
     T_world_camera: Float[NDArray, "4 4"],
     colour: tuple[int, int, int],
     scale_m: float,
     picture: NDArray[np.uint8] | None = None,
-) -> "CameraFrustumHandle":
+) -> CameraFrustumHandle:
     """Draw one camera."""
     return scene.add_camera_frustum(
         name,
@@ -55,7 +51,7 @@ def add_frustum(
 class PhotographLayers:
     """The training photographs of a run; a click on one moves the visitor's camera there."""
 
-    def __init__(self, server: "ViserServer", images: PosedImageSet, scale_m: float) -> None:
+    def __init__(self, server: ViserServer, images: PosedImageSet, scale_m: float) -> None:
         every = max(1, -(-len(images.train) // _MOST_PHOTOGRAPHS))
         self._frusta: list[tuple[PosedImage, CameraFrustumHandle]] = []
         robots = sorted({image.robot_id or "camera" for image in images.train})
@@ -83,9 +79,7 @@ class PhotographLayers:
         for image, handle in self._frusta:
             handle.visible = visible and (image.timestamp_s is None or image.timestamp_s <= until_s)
 
-    def _go_there_on_click(
-        self, server: "ViserServer", image: PosedImage, handle: "CameraFrustumHandle"
-    ) -> None:
+    def _go_there_on_click(self, server: ViserServer, image: PosedImage, handle: CameraFrustumHandle) -> None:
         @handle.on_click
         def _(event) -> None:  # type: ignore[no-untyped-def]
             client = server.get_clients().get(event.client_id)

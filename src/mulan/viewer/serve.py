@@ -8,7 +8,8 @@ from mulan.mission.run_folder import RunFolder
 from mulan.reconstruction.trainer import TrainingStatus
 from mulan.viewer.engine_access import TrainingEngine
 from mulan.viewer.goals import GoalFile
-from mulan.viewer.page import ViewerConfig, ViewerPage
+from mulan.viewer.page import ViewerPage
+from mulan.viewer.viewer_config import ViewerConfig
 
 _REFRESH_S = 0.5
 
