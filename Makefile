@@ -62,7 +62,7 @@ browser:
 	  fi
 
 test: lint browser
-	$(BIN)/pytest
+	$(BIN)/pytest -n 2 --dist loadgroup
 
 sanitize: $(VENV)/.installed-dev
 	@$(BIN)/python -m tests.native.sanitizers

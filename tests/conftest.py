@@ -24,8 +24,21 @@ def data() -> Path:
     return folder
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Where processes share the tests, those of one file stay together, and all that build the engine."""
+    tests = Path(__file__).parent
+    for item in items:
+        place = item.path.relative_to(tests)
+        item.add_marker(pytest.mark.xdist_group("native" if place.parts[0] == "native" else str(place)))
+
+
 @pytest.fixture(scope="session", autouse=True)
 def compiled_files() -> None:
+    """The library of an editable install."""
+    find_compiled_files()
+
+
+def find_compiled_files() -> None:
     """An editable install keeps its library in site-packages, which the shape checks' import hook hides."""
     import sysconfig
 
@@ -40,5 +53,6 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Say which engine the tests ran on: without the native one they prove less and take longer."""
     from mulan.radiance.kernels.native_library import find_native_library
 
+    find_compiled_files()
     library, reason = find_native_library()
     terminalreporter.write_line(f"native engine: {library.instruction_set if library else reason}")

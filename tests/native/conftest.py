@@ -9,6 +9,7 @@ import pytest
 import mulan.radiance.native_engine
 from mulan.radiance.kernels.native_library import NativeLibrary
 
+REPOSITORY = Path(__file__).resolve().parents[2]
 NATIVE_FOLDER = Path(mulan.radiance.native_engine.__file__).with_name("native")
 
 
@@ -33,7 +34,7 @@ def library() -> NativeLibrary:
     """
     if given := os.environ.get("MULAN_TEST_LIBRARY"):
         return NativeLibrary(Path(given))
-    return NativeLibrary(build_library(NATIVE_FOLDER / "build"))
+    return NativeLibrary(build_library(REPOSITORY / "build" / "native"))
 
 
 X86 = platform.machine().lower() in ("x86_64", "amd64")
