@@ -1,4 +1,4 @@
-"""What eliminated keyframes say about those that remain, said so that it does not depend on where the team is.
+"""What eliminated keyframes say about those that remain, wherever the team turned out to be.
 
 A linear prior over poses in a common frame, kept as it was linearised, gains information it never had: the
 direction "the whole team turns about the vertical" is another one at the poses it was linearised about than

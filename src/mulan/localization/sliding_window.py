@@ -7,11 +7,12 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
 
+from mulan.localization.belief import belief
 from mulan.localization.graph import RangeNode
 from mulan.localization.least_squares import Problem, minimise
 from mulan.localization.measurement_terms import huber, quadratic
-from mulan.localization.online_trust import OnlineMeasurement, judge, window_terms
 from mulan.localization.relative_prior import relative_prior
+from mulan.localization.window_measurements import OnlineMeasurement, window_terms
 
 _LEAST_TRUST = 0.02  # below it a measurement is left out
 _JOINING_INFLATION = (3.0, 1.0, 1.0)  # wide at first: a poor start rejects nothing for good
@@ -120,7 +121,7 @@ class SlidingWindow:
         for key in gone:
             ordering.push_back(key)
         _, remaining = linear.eliminatePartialSequential(ordering)
-        told = {key for i in range(remaining.size()) for key in remaining.at(i).keys()}
+        told = set().union(*(remaining.at(i).keys() for i in range(remaining.size())))
         if told:
             poses = [key for key in self._order if key in told]
             constants = [key for key in self._biases if key in told]
@@ -157,7 +158,7 @@ class SlidingWindow:
         if judged and both:
             nothing = np.zeros((12, 12))
             spread = np.array([nothing if m.spread is None else m.spread for m in both])
-            trust, chosen = judge(terms, terms.poses(self.values), spread, inflation)
+            trust, chosen = belief(terms, terms.poses(self.values), inflation, spread)
             for m, probability in zip(both, trust, strict=True):
                 m.trust = float(probability)
             for m, k in zip(bearings, chosen, strict=True):
