@@ -7,6 +7,7 @@ the prior holds the others as they are seen from it, and only the reference in t
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -45,7 +46,7 @@ def relative_prior(
     )
     reference0, seen0_inverse = gtsam.Pose3(T0[0]), [gtsam.Pose3(T).inverse() for T in seen0]
 
-    def error(_factor: gtsam.CustomFactor, now: gtsam.Values, jacobians: list[NDArray] | None) -> NDArray:
+    def error(_factor: gtsam.CustomFactor, now: gtsam.Values, jacobians: Any) -> NDArray:
         reference = now.atPose3(poses[0])
         off = reference0.between(reference)
         residual = by_reference @ gtsam.Pose3.Logmap(off) - b
