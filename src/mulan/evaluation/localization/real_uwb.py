@@ -42,17 +42,15 @@ def run_uwb_planar(
 
 
 def run_uwb_murp(
-    data: Path,
-    config: SiteTrackConfig | None = None,
-    picture: Path | None = None,
-    trials: tuple[str, ...] | None = None,
+    data: Path, config: SiteTrackConfig | None = None, picture: Path | None = None
 ) -> dict[str, Any]:
-    """Agents 2 and 3 in agent 1's axes, by ranges alone; ``trials`` picks some, the rest as above."""
-    calibrated, plain, misfit_m = murp_tracks(data, config or SiteTrackConfig(), trials)
-    everything = [t for tracks in calibrated.values() for t in tracks]
+    """Agents 2 and 3 in agent 1's axes, by ranges alone; arguments as ``run_uwb_planar``."""
+    calibrated, plain, misfit_m = murp_tracks(data, config or SiteTrackConfig())
+    everything = [track for tracks in calibrated.values() for track in tracks]
+    uncalibrated = [track for tracks in plain.values() for track in tracks]
     if picture is not None:
         draw_tracks(everything, picture)
-    overall = track_figures(everything)
+    overall = track_figures(everything) | {"uncalibrated": track_figures(uncalibrated)}
     return overall | {"trials": _both(calibrated, plain), "antenna_place_misfit_m": misfit_m}
 
 
