@@ -23,8 +23,8 @@ class CasesConfig:
     """Places at which two robots measure each other."""
     fleets: tuple[int, ...] = (3, 5, 10, 20, 50)
     """Robots in a fleet; each pair in reach measures at five places."""
-    fleet_robot_trials: int = 300
-    """Fleets drawn of a size: so many divided by the number of robots, but at least six."""
+    fleet_robot_trials: int = 240
+    """Fleets drawn of a size: so many divided by the number of robots, but at least four."""
     seed: int = 0
     """Source of all randomness."""
     workers: int = 2
@@ -41,7 +41,7 @@ def cases_of(config: CasesConfig) -> list[Case]:
     cases += [Case(f"drift_{m}", trials, meetings=m, drifting=True) for m in config.meetings]
     for drifting, suffix in ((False, ""), (True, "_drift")):
         for n in config.fleets:
-            count = min(trials, max(6, config.fleet_robot_trials // n))
+            count = min(trials, max(4, config.fleet_robot_trials // n))
             cases.append(Case(f"robots_{n}{suffix}", count, robots=n, drifting=drifting, samples=41))
     return cases
 
