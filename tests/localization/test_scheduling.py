@@ -39,6 +39,9 @@ def test_a_robot_takes_part_in_one_aperture_at_a_time():
 
 CLOCK_AND_NEED = """
 import json
+from mulan.evaluation.localization.online_run import run_team
+from mulan.evaluation.localization.online_team import OnlineTeamConfig
+from mulan.localization.online import OnlineConfig
 from mulan.localization.scheduling import SchedulingConfig
 team = OnlineTeamConfig(robots=3, hours=0.09, rest_s=60.0)
 runs = [run_team(0, team, OnlineConfig(), by_need) for by_need in (None, SchedulingConfig())]
