@@ -18,3 +18,7 @@ class InputError(Exception):
         self.problem = problem
         self.remedy = remedy
         super().__init__(f"{self.source}: {field}: {problem}; {remedy}.")
+
+    def __reduce__(self) -> tuple[type["InputError"], tuple[str, str, str, str]]:
+        """Worker processes raise it too."""
+        return InputError, (self.source, self.field, self.problem, self.remedy)

@@ -12,7 +12,7 @@ from mulan.errors import InputError
 from mulan.evaluation.localization.bounds import camera_bound
 from mulan.evaluation.localization.cases import judged
 from mulan.evaluation.localization.simulated_team import Case, Noise
-from mulan.evaluation.localization.trials import draw
+from mulan.evaluation.localization.trials import draw, run_trial, summed_up
 from mulan.geometry import se3
 from mulan.localization.graph import LocalizationConfig
 from mulan.localization.localize import localize_from_measurements
@@ -100,6 +100,13 @@ def test_outliers_carry_no_information():
     assert not team.bearing_right.all()
     everything = replace(team, bearing_right=np.ones_like(team.bearing_right))
     assert (camera_bound(team, Noise(), False) > camera_bound(everything, Noise(), False)).all()
+
+
+def test_a_team_that_cannot_be_placed_is_counted_and_not_scored():
+    case = Case("outliers_2", 1, meetings=2, outlier_share=0.2)
+    trial = run_trial(case, Noise(), 0, 0)
+    assert "robot01" in trial.refused
+    assert summed_up(case, [trial])["refused"] == 1
 
 
 def test_goals_are_judged_by_what_was_measured():

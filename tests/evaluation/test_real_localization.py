@@ -16,8 +16,10 @@ from mulan.evaluation.localization.flights import (
 )
 from mulan.evaluation.localization.real_uwb import run_uwb_indoor_chemnitz
 from mulan.evaluation.localization.relative_score import figures, relative_errors
+from mulan.evaluation.localization.uwb_murp_track import antenna_places, read_pair
 from mulan.geometry import se3, so3
 from mulan.wireless.azimuth_density import AzimuthMixture
+from mulan.wireless.recordings.uwb_murp import murp_files
 
 DATA = Path(os.environ.get("MULAN_DATA", Path(__file__).parents[2].parent / "shared" / "data"))
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"no recordings in {DATA}; set MULAN_DATA")
@@ -52,9 +54,23 @@ def test_resection_covers_as_claimed():
     levels = []
     for _ in range(60):
         at, sigma = rng.uniform(-0.8, 0.8, 2), 0.15
-        levels.append(resection(_seen(at, sigma, sigma * rng.normal(size=3)), 0.001, config).level_of(at))
-    assert 0.5 <= np.mean(np.array(levels) <= 0.68) <= 0.85
-    assert np.mean(np.array(levels) <= 0.95) >= 0.88
+        posterior = resection(_seen(at, sigma, sigma * rng.normal(size=3)), 0.001, config)
+        levels.append((posterior.level_of(at), posterior.ellipse_level_of(at)))
+    for claimed in np.array(levels).T:
+        assert 0.5 <= np.mean(claimed <= 0.68) <= 0.85
+        assert np.mean(claimed <= 0.95) >= 0.88
+
+
+def test_the_ellipse_of_a_share_holds_it_and_its_edge_has_that_level():
+    posterior = resection(
+        _seen(np.array([0.4, -0.3]), 0.2, np.zeros(3)), 0.005, ResectionConfig(farthest_m=6.0)
+    )
+    Q = posterior.ellipse_m2(0.68)
+    off = posterior.place_m - posterior.nearest_m
+    inside = np.einsum("ni,ij,nj->n", off, np.linalg.inv(Q), off) < 1
+    assert posterior.mass[inside].sum() == pytest.approx(0.68, abs=0.01)
+    edge = posterior.nearest_m + np.linalg.cholesky(Q) @ np.array([1.0, 0.0])
+    assert posterior.ellipse_level_of(edge) == pytest.approx(0.68, abs=0.01)
 
 
 def test_relative_error_does_not_depend_on_the_world_frame():
@@ -91,6 +107,15 @@ def test_flight_is_laid_on_its_truth_within_its_known_drift():
     off = np.linalg.norm(at @ T[:3, :3].T + T[:3, 3] - true, axis=1)
     assert np.sqrt((off**2).mean()) < 0.3
     assert np.abs(turn).max() < np.deg2rad(5)
+
+
+@needs_data
+def test_murps_antennas_are_recovered_from_the_agents_own_motion_capture():
+    files = murp_files(DATA / "uwb_murp")
+    places, misfit_m = antenna_places([read_pair(path) for path in files["12"]])
+    assert misfit_m < 0.01
+    radius = np.linalg.norm(np.array(list(places.values()))[:, :2], axis=1)
+    np.testing.assert_allclose(radius, 0.32, atol=0.01)
 
 
 @needs_data

@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from mulan.evaluation.localization.drawn_bearing import drawn_bearing
 from mulan.geometry import se3, so3
 from mulan.geometry.camera import PinholeCamera
 from mulan.mission.types import OdometryTrack, Photo, PoseTrack, RobotLog
-from mulan.wireless.directions import tangent_basis
-from mulan.wireless.types import Bearing, Range
+from mulan.wireless.types import Range
 
 WIFI = np.array([0.1, 0.0, 0.05])
 UWB = np.array([0.0, 0.1, 0.02])
@@ -79,29 +79,7 @@ def make_team(
 
 def draw_bearing(rng, observer, peer, i, sigma_rad, outlier=False, level=False):
     """What an aperture at sample i would report."""
-    To, Tp = observer.ground_truth.T_world_body[i], peer.ground_truth.T_world_body[i]
-    origin = To[:3, :3] @ WIFI + To[:3, 3]
-    v = Tp[:3, :3] @ WIFI + Tp[:3, 3] - origin
-    T_odom = observer.odometry.T_odom_body[i]
-    u = T_odom[:3, :3] @ To[:3, :3].T @ (v / np.linalg.norm(v))
-    u = u + tangent_basis(u) @ (sigma_rad * rng.normal(size=2))
-    if outlier:
-        u = rng.normal(size=3)
-    covariance = np.diag([sigma_rad**2, np.inf if level else sigma_rad**2])
-    time_s = float(observer.odometry.time_s[i])
-    return Bearing(
-        observer=observer.name,
-        peer=peer.name,
-        time_s=time_s,
-        peer_time_s=time_s,
-        T_odom_body=T_odom,
-        direction_odom=(u / np.linalg.norm(u))[None],
-        tangent_covariance=covariance[None],
-        weight=np.array([0.95]),
-        outlier_mass=0.05,
-        kappa_paper=1e5,
-        packets=300,
-    )
+    return drawn_bearing(rng, observer, peer, i, sigma_rad, float(outlier), level=level)[0]
 
 
 def draw_measurements(

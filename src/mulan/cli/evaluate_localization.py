@@ -12,6 +12,7 @@ from mulan.cli.evaluate_engine import recordings
 from mulan.cli.progress import console, progress_stages
 from mulan.evaluation.localization.cases import CasesConfig
 from mulan.evaluation.localization.protocol import EvaluationConfig, chosen_parts, evaluate_localization
+from mulan.evaluation.localization.recordings import chosen_recordings
 from mulan.mission.run_folder import RunFolder
 
 
@@ -25,6 +26,8 @@ class Options:
     """Folder of the public recordings; parts whose recordings are absent are said to be not available."""
     only: str = ""
     """Parts to measure, separated by commas (cases, real, online); others in metrics.json are kept."""
+    recordings: str = ""
+    """Recordings of the real part, separated by commas; none means all, others in metrics.json are kept."""
     quick: bool = False
     """One small team a case: shows that the command works, measures nothing."""
     cases: Annotated[CasesConfig, tyro.conf.arg(name="")] = field(default_factory=CasesConfig)
@@ -61,7 +64,9 @@ def main(arguments: Sequence[str]) -> int:
     if options.quick:
         cases = replace(cases, trials=1, meetings=(5,), fleets=(3,), workers=1)
     run = RunFolder(options.out)
-    config = EvaluationConfig(options.data, chosen_parts(options.only), cases)
+    config = EvaluationConfig(
+        options.data, chosen_parts(options.only), chosen_recordings(options.recordings), cases
+    )
     with progress_stages() as stage:
         metrics = evaluate_localization(config, run, stage)
     run.record_config("evaluate localization", asdict(options))

@@ -132,30 +132,49 @@ def _travelled_m(robot: RobotLog) -> Float[NDArray, "n"]:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def _drift(
-    robot: RobotLog,
+def step_noise(
     T_odom_body: Float[NDArray, "n 4 4"],
-    time_s: Float[NDArray, "n"],
+    accumulated: Float[NDArray, "n 6 6"] | None,
+    step_m: Float[NDArray, "m"],
     noise: OdometryNoise,
     gravity_aligned: bool,
+    floor_fraction: Float[NDArray, "m"] | None = None,
 ) -> tuple[Float[NDArray, "m 6 6"], Float[NDArray, "n"]]:
-    """Random walk of every step, and the bounded variance of roll and pitch at every instant."""
-    accumulated = covariance_at(robot.odometry, time_s)
-    tilt_variance = np.full(len(time_s), np.deg2rad(noise.tilt_deg) ** 2)
+    """Covariance of every step (right perturbation of the later pose), and of roll and pitch at every pose.
+
+    Args:
+        T_odom_body: Dead reckoning.
+        accumulated: Covariance since the start at each pose, or None where the driver gives none.
+        step_m: Path length of every step.
+        noise: Drift assumed where none is given, and floors.
+        gravity_aligned: Roll and pitch are bounded errors, no random walk.
+        floor_fraction: Part of what every step gets whatever its length (tilt and the floors) that each step
+            gets here; all of it by default. For steps cut into pieces.
+    """
+    tilt_variance = np.full(len(T_odom_body), np.deg2rad(noise.tilt_deg) ** 2)
     if accumulated is None:
-        step_m = np.diff(np.interp(time_s, robot.odometry.time_s, _travelled_m(robot)))
         step = np.zeros((len(step_m), 6, 6))
         rotation = np.deg2rad(noise.rotation_deg_per_sqrt_m) ** 2
         step[:, [0, 1, 2], [0, 1, 2]] = rotation * step_m[:, None]
         step[:, [3, 4, 5], [3, 4, 5]] = (noise.translation_percent / 100) ** 2 * step_m[:, None]
-        return step, tilt_variance
+    else:
+        if gravity_aligned:
+            R = T_odom_body[:, :3, :3]
+            in_odom_axes = R @ accumulated[:, :3, :3] @ np.swapaxes(R, 1, 2)
+            tilt_variance = (in_odom_axes[:, 0, 0] + in_odom_axes[:, 1, 1]) / 2
+            accumulated = _without_tilt(T_odom_body, accumulated)
+        step = relative_covariance(T_odom_body[:-1], accumulated[:-1], T_odom_body[1:], accumulated[1:])
+    fixed = np.zeros_like(step)
     if gravity_aligned:
-        R = T_odom_body[:, :3, :3]
-        in_odom_axes = R @ accumulated[:, :3, :3] @ np.swapaxes(R, 1, 2)
-        tilt_variance = (in_odom_axes[:, 0, 0] + in_odom_axes[:, 1, 1]) / 2
-        accumulated = _without_tilt(T_odom_body, accumulated)
-    step = relative_covariance(T_odom_body[:-1], accumulated[:-1], T_odom_body[1:], accumulated[1:])
-    return step, tilt_variance
+        R = T_odom_body[1:, :3, :3]
+        # tilt errors of two keyframes may differ by twice the variance; gravity factors hold each of them
+        level = np.swapaxes(R, 1, 2) @ np.diag([1.0, 1.0, 0.0]) @ R
+        fixed[:, :3, :3] += 2 * tilt_variance[1:, None, None] * level
+    fixed[:, [0, 1, 2], [0, 1, 2]] += noise.rotation_floor_rad**2
+    fixed[:, [3, 4, 5], [3, 4, 5]] += noise.translation_floor_m**2
+    if floor_fraction is not None:
+        fixed *= floor_fraction[:, None, None]
+    return step + fixed, tilt_variance
 
 
 def make_keyframes(
@@ -173,23 +192,15 @@ def make_keyframes(
         time_s: Keyframes.
         noise: Drift where it reports none.
         gravity_aligned: Roll and pitch are bounded errors, no random walk.
-        floor_fraction: Part of what every step gets whatever its length (tilt and the floors) that each step
-            gets here; all of it by default. For steps cut into pieces.
+        floor_fraction: As in ``step_noise``.
         correction: Learned scale and noise.
     """
     T = se3.interpolate(robot.odometry.time_s, robot.odometry.T_odom_body, time_s)
-    step, tilt_variance = _drift(robot, T, time_s, noise, gravity_aligned)
-    fixed = np.zeros_like(step)
-    if gravity_aligned:
-        R = T[1:, :3, :3]
-        # tilt errors of two keyframes may differ by twice the variance; gravity factors hold each of them
-        level = np.swapaxes(R, 1, 2) @ np.diag([1.0, 1.0, 0.0]) @ R
-        fixed[:, :3, :3] += 2 * tilt_variance[1:, None, None] * level
-    fixed[:, [0, 1, 2], [0, 1, 2]] += noise.rotation_floor_rad**2
-    fixed[:, [3, 4, 5], [3, 4, 5]] += noise.translation_floor_m**2
-    if floor_fraction is not None:
-        fixed *= floor_fraction[:, None, None]
-    plain = Keyframes(robot.name, time_s, T, step + fixed, tilt_variance)
+    step_m = np.diff(np.interp(time_s, robot.odometry.time_s, _travelled_m(robot)))
+    step, tilt_variance = step_noise(
+        T, covariance_at(robot.odometry, time_s), step_m, noise, gravity_aligned, floor_fraction
+    )
+    plain = Keyframes(robot.name, time_s, T, step, tilt_variance)
     return corrected_keyframes(plain, correction, gravity_aligned)
 
 

@@ -16,8 +16,8 @@ from mulan.localization.initialization import align_robot
 from mulan.localization.online_estimate import OnlineEstimate
 from mulan.localization.online_hanging import hang_bearing, hang_range, keyframes_of
 from mulan.localization.online_robot import OnlineRobot
-from mulan.localization.online_trust import OnlineMeasurement
 from mulan.localization.sliding_window import SlidingWindow
+from mulan.localization.window_measurements import OnlineMeasurement
 from mulan.mission.types import RobotLog
 from mulan.wireless.types import Bearing, Range
 

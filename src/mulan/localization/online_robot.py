@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mulan.errors import InputError
 from mulan.geometry import se3
 from mulan.localization.graph import LocalizationConfig
-from mulan.localization.online_step import step_covariance, tilt_variance_rad2
+from mulan.localization.keyframes import step_noise
 from mulan.mission.types import OdometryTrack, Photo, RobotLog
 
 
@@ -79,14 +79,18 @@ class OnlineRobot:
         if self.time_s and time_s <= self.time_s[-1]:
             problem = f"{time_s:.3f} s is not after the last one at {self.time_s[-1]:.3f} s"
             raise InputError(f"robot '{self.name}'", "keyframe", problem, "send keyframes in order of time")
-        noise, aligned = config.odometry_noise, config.gravity_aligned
-        tilt = tilt_variance_rad2(T_odom_body, covariance, noise, aligned)
-        step = np.zeros((6, 6))
-        if self.time_s:
-            poses, known = np.array([self.T_odom_body[-1], T_odom_body]), (self.covariance[-1], covariance)
-            step = step_covariance(poses, known, tilt, noise, aligned)
-        self.step_covariance.append(step)
-        self.tilt_variance_rad2.append(tilt)
+        poses, known = [*self.T_odom_body[-1:], T_odom_body], [*self.covariance[-1:], covariance]
+        given = [c for c in known if c is not None]
+        away_m = np.linalg.norm(np.diff([T[:3, 3] for T in poses], axis=0), axis=1)
+        steps, tilt = step_noise(
+            np.array(poses),
+            np.array(given) if len(given) == len(known) else None,
+            away_m,
+            config.odometry_noise,
+            config.gravity_aligned,
+        )
+        self.step_covariance.append(steps[0] if len(steps) else np.zeros((6, 6)))
+        self.tilt_variance_rad2.append(float(tilt[-1]))
         self.received.append(received)
         self.time_s.append(float(time_s))
         self.T_odom_body.append(T_odom_body)

@@ -1,4 +1,4 @@
-"""The last minute of a team's graph: solved anew at every update, what leaves it kept as a linear prior."""
+"""The last minute of a team's graph: solved anew at every update, what leaves it kept as a prior."""
 
 from collections.abc import Iterable, Sequence
 
@@ -7,10 +7,12 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
 
+from mulan.localization.belief import belief
 from mulan.localization.graph import RangeNode
 from mulan.localization.least_squares import Problem, minimise
 from mulan.localization.measurement_terms import huber, quadratic
-from mulan.localization.online_trust import OnlineMeasurement, judge, window_terms
+from mulan.localization.relative_prior import relative_prior
+from mulan.localization.window_measurements import OnlineMeasurement, window_terms
 
 _LEAST_TRUST = 0.02  # below it a measurement is left out
 _JOINING_INFLATION = (3.0, 1.0, 1.0)  # wide at first: a poor start rejects nothing for good
@@ -98,7 +100,7 @@ class SlidingWindow:
         return _joint_covariance(net, newest)
 
     def forget(self, keys: Iterable[int]) -> None:
-        """Replace keyframes and all that hangs on them by a linear prior on those they were tied to."""
+        """Replace keyframes and all that hangs on them by a prior on those they were tied to."""
         gone = sorted(keys, key=lambda k: self._order[k])
         if not gone:
             return
@@ -119,8 +121,12 @@ class SlidingWindow:
         for key in gone:
             ordering.push_back(key)
         _, remaining = linear.eliminatePartialSequential(ordering)
-        left = gtsam.LinearContainerFactor.ConvertLinearGraph(remaining, self.values)
-        self._prior = kept_prior + [left.at(i) for i in range(left.size()) if left.exists(i)]
+        told = set().union(*(remaining.at(i).keys() for i in range(remaining.size())))
+        if told:
+            poses = [key for key in self._order if key in told]
+            constants = [key for key in self._biases if key in told]
+            kept_prior.append(relative_prior(remaining, self.values, sorted(poses), constants))
+        self._prior = kept_prior
         removed = set(map(id, touching))
         self._measurements = [m for m in self._measurements if id(m) not in removed]
         for key in gone:
@@ -152,7 +158,7 @@ class SlidingWindow:
         if judged and both:
             nothing = np.zeros((12, 12))
             spread = np.array([nothing if m.spread is None else m.spread for m in both])
-            trust, chosen = judge(terms, terms.poses(self.values), spread, inflation)
+            trust, chosen = belief(terms, terms.poses(self.values), inflation, spread)
             for m, probability in zip(both, trust, strict=True):
                 m.trust = float(probability)
             for m, k in zip(bearings, chosen, strict=True):

@@ -7,8 +7,8 @@ import gtsam
 import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
+from mulan.localization.belief import belief, log_likelihoods
 from mulan.localization.graph import (
     LocalizationGraph,
     bearing_node_factor,
@@ -29,8 +29,6 @@ _FORCED = 25.0  # information of a measurement that is to be believed, as a try
 _LEAST_PROBABLE = 1e-3  # explanations less probable than this are left out
 _DOUBTED = 0.5  # a measurement less trusted gives reason to look for another solution
 _LEAST_TRUST = 1e-5  # hardly any information, but the graph stays determined where all are doubted
-_DETOUR_SPAN_M = 10.0  # wrong ranges are too long by up to so many metres
-_NONSENSE = 0.1  # share of wrong ranges that may be too short as well
 
 
 @dataclass(frozen=True)
@@ -54,39 +52,6 @@ class Solution:
     hypothesis: Int[NDArray, "m"]
     cost: float
     other_modes: tuple[tuple[float, gtsam.Values], ...] = ()
-
-
-def _log_likelihoods(
-    terms: MeasurementTerms, values: gtsam.Values, inflation: float
-) -> tuple[Float[NDArray, "m"], Float[NDArray, "m"], Int[NDArray, "b"]]:
-    """Of each measurement as a right one (any hypothesis), as a wrong one, and the likeliest hypothesis."""
-    poses, b = terms.poses(values), len(terms.direction)
-    v = terms.sight(poses)[0]
-    miss = terms.bearing_misses(v[:b])
-    squared = (miss * np.linalg.solve(terms.covariance, miss[..., None])[..., 0]).sum(-1) / inflation**2
-    # an axis that was not observed has variance one and no miss: it adds nothing but must not be normalised
-    spread = np.linalg.slogdet(terms.covariance)[1] + terms.axes[:, None] * np.log(2 * np.pi * inflation**2)
-    inside = terms.log_weight - squared / 2 - spread / 2
-    sphere = np.where(terms.axes == 1, 2 * np.pi, 4 * np.pi)
-    sigma = terms.sigma_m * inflation
-    mass = terms.outlier_mass
-    right_range = np.log1p(-mass[b:]) - np.log(np.sqrt(2 * np.pi) * sigma)
-    too_long = -terms.range_misses(v[b:], poses) / sigma
-    right_range -= too_long**2 / 2
-    log_right = np.concatenate([np.logaddexp.reduce(inside, axis=1), right_range])
-    # a detour makes a range longer; only nonsense makes it shorter
-    detour = (1 - _NONSENSE) * ndtr(too_long) + _NONSENSE / 2
-    wrong = np.concatenate([1 / sphere, detour / _DETOUR_SPAN_M])
-    log_wrong = np.log(np.maximum(mass, 1e-300)) + np.log(wrong)
-    return log_right, log_wrong, inside.argmax(1)
-
-
-def _trust(
-    terms: MeasurementTerms, values: gtsam.Values, inflation: float
-) -> tuple[Float[NDArray, "m"], Int[NDArray, "b"]]:
-    """Posterior that each measurement (any hypothesis of a bearing) is right; the likeliest one."""
-    log_right, log_wrong, chosen = _log_likelihoods(terms, values, inflation)
-    return np.exp(log_right - np.logaddexp(log_right, log_wrong)), chosen
 
 
 def _weighted(
@@ -155,7 +120,7 @@ class _Rounds:
             if progress is not None:
                 progress(done + 1, len(inflations) + 1, "solving")
             before = trust
-            trust, chosen = _trust(self.terms, values, inflation)
+            trust, chosen = belief(self.terms, self.terms.poses(values), inflation)
             if solved_with == inflation == inflations[-1] and not (np.abs(trust - before) > _SETTLED).any():
                 break  # the last solve already had these sigmas and, nearly, these probabilities
             believed = np.maximum(trust, _LEAST_TRUST)
@@ -165,7 +130,7 @@ class _Rounds:
                 Problem(self.motion, self.terms, chosen, believed, inflation, quadratic), values
             )
             solved_with = inflation
-        log_right, log_wrong, _ = _log_likelihoods(self.terms, values, 1.0)
+        log_right, log_wrong, _ = log_likelihoods(self.terms, self.terms.poses(values), 1.0)
         cost = self.motion.error(values) - float(np.logaddexp(log_right, log_wrong).sum())
         return _State(values, trust, chosen, cost)
 

@@ -78,6 +78,25 @@ class PlanePosterior:
         cell = int(np.linalg.norm(self.place_m - at_m, axis=1).argmin())
         return float(self.mass[self.mass > self.mass[cell]].sum() + 0.5 * self.mass[cell])
 
+    def ellipse_level_of(self, at_m: Float[NDArray, "2"]) -> float:
+        """Mass of the ellipse about ``nearest_m``, shaped as the covariance, on whose edge a place lies.
+
+        The posterior is no Gaussian: its far side lobes widen the covariance, and the ellipse that holds 68 %
+        of it is smaller than the Gaussian's of that covariance.
+        """
+        return float(self.mass[self._from_nearest(self.place_m) < self._from_nearest(at_m[None])].sum())
+
+    def ellipse_m2(self, share: float) -> Float[NDArray, "2 2"]:
+        """Matrix Q of the ellipse ``x^T Q^-1 x = 1`` about ``nearest_m`` that holds a share of the mass."""
+        length = self._from_nearest(self.place_m)
+        order = length.argsort()
+        edge = min(int(np.searchsorted(self.mass[order].cumsum(), share)), len(order) - 1)
+        return length[order[edge]] * self.covariance_m2
+
+    def _from_nearest(self, at_m: Float[NDArray, "k 2"]) -> Float[NDArray, "k"]:
+        off = at_m - self.nearest_m
+        return np.einsum("ni,ij,nj->n", off, np.linalg.inv(self.covariance_m2), off)
+
     def squared_length(self, at_m: Float[NDArray, "2"]) -> float:
         """Squared Mahalanobis length of a place about the mean."""
         off = at_m - self.mean_m

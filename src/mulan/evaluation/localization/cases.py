@@ -1,7 +1,7 @@
 """The simulated cases: pairs with exact odometry, with outliers, with drift, and fleets."""
 
 import multiprocessing
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
@@ -23,8 +23,8 @@ class CasesConfig:
     """Places at which two robots measure each other."""
     fleets: tuple[int, ...] = (3, 5, 10, 20, 50)
     """Robots in a fleet; each pair in reach measures at five places."""
-    fleet_robot_trials: int = 300
-    """Fleets drawn of a size: so many divided by the number of robots, but at least six."""
+    fleet_robot_trials: int = 240
+    """Fleets drawn of a size: so many divided by the number of robots, but at least four."""
     seed: int = 0
     """Source of all randomness."""
     workers: int = 2
@@ -41,25 +41,26 @@ def cases_of(config: CasesConfig) -> list[Case]:
     cases += [Case(f"drift_{m}", trials, meetings=m, drifting=True) for m in config.meetings]
     for drifting, suffix in ((False, ""), (True, "_drift")):
         for n in config.fleets:
-            count = min(trials, max(6, config.fleet_robot_trials // n))
+            count = min(trials, max(4, config.fleet_robot_trials // n))
             cases.append(Case(f"robots_{n}{suffix}", count, robots=n, drifting=drifting, samples=41))
     return cases
 
 
-def run_cases(config: CasesConfig, progress: Progress) -> dict[str, dict[str, Any]]:
-    """Every case's line of ``metrics.json``, by name."""
-    cases = cases_of(config)
-    jobs = [(case, index) for case in cases for index in range(case.trials)]
+def finished_cases(
+    config: CasesConfig, known: Collection[str], progress: Progress
+) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Name and line of ``metrics.json`` of every case not known yet, as each is finished."""
+    cases = [case for case in cases_of(config) if case.name not in known]
     # the longest first, so that no worker is left with one at the end
-    jobs.sort(key=lambda job: -job[0].robots * job[0].meetings)
-    found: dict[str, list[Trial | None]] = {case.name: [None] * case.trials for case in cases}
-    for done, ((case, index), trial) in enumerate(_run(jobs, config)):
-        found[case.name][index] = trial
+    cases.sort(key=lambda case: -case.robots * case.meetings)
+    jobs = [(case, index) for case in cases for index in range(case.trials)]
+    trials: list[Trial] = []
+    for done, ((case, _), trial) in enumerate(_run(jobs, config)):
+        trials.append(trial)
         progress(done + 1, len(jobs), case.name)
-    return {
-        case.name: summed_up(case, [trial for trial in found[case.name] if trial is not None])
-        for case in cases
-    }
+        if len(trials) == case.trials:
+            yield case.name, summed_up(case, trials)
+            trials = []
 
 
 def _one(job: tuple[Case, int], noise: Noise, seed: int) -> Trial:

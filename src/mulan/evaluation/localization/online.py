@@ -13,7 +13,7 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 
 from mulan.evaluation.engine.peak_memory import peak_memory_gb, reset_peak_memory
-from mulan.evaluation.localization.online_run import OnlineRun, Progress, run_team
+from mulan.evaluation.localization.online_run import YAW_AND_POSITION, OnlineRun, Progress, run_team
 from mulan.evaluation.localization.online_team import OnlineTeamConfig
 from mulan.geometry import se3
 from mulan.localization.online import OnlineConfig
@@ -105,17 +105,22 @@ def _beside_batch(run: OnlineRun) -> dict[str, Any]:
     """How far newest poses, and all poses, are from the batch solution over the whole mission."""
     online = run.online.trajectories()
     solution, batch = solve_batch(run.online)
-    anchor = run.robots[0].name
-    newest, every, relative = [], [], []
+    anchor, claimed = run.robots[0].name, run.online.estimate.covariance
+    newest, every, relative, sigmas = [], [], [], []
     for name, poses in batch.items():
         off = np.linalg.norm(poses[:, :3, 3] - online[name][:, :3, 3], axis=1)
         newest.append(off[-1])
         every.append(np.mean(off**2))
+        xi = se3.log(se3.inverse(online[name][-1]) @ poses[-1])[YAW_AND_POSITION]
+        covariance = claimed[name][YAW_AND_POSITION, YAW_AND_POSITION]
+        sigmas.append(np.sqrt(xi @ np.linalg.solve(covariance, xi) / 4))
         if name != anchor:
             seen = [(se3.inverse(of[anchor]) @ of[name])[:, :3, 3] for of in (batch, online)]
             relative.append(np.linalg.norm(seen[0] - seen[1], axis=1))
     return {
         "difference_to_batch_m": float(max(newest)),
+        "difference_to_batch_in_sigmas": float(max(sigmas)),
+        "sigma_in_anchors_frame_m": float(max(np.sqrt(np.trace(claimed[n][3:, 3:])) for n in batch)),
         "relative_difference_to_batch_m": float(max(r[-1] for r in relative)),
         "rms_difference_along_the_way_m": float(np.sqrt(np.mean(every))),
         "rms_relative_difference_along_the_way_m": float(np.sqrt(np.mean(np.square(relative)))),

@@ -17,7 +17,8 @@ from mulan.mission.types import RobotLog
 
 Progress = Callable[[int, int, str], None]
 _SETTLED_S = 60.0  # errors count from then on
-_YAW_AND_POSITION = slice(2, 6)  # the bodies are level: roll and pitch are exact and would flatter the NEES
+YAW_AND_POSITION = slice(2, 6)
+"""The bodies are level: roll and pitch are exact and would flatter the NEES."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +61,8 @@ def relative_errors(
             continue
         true = se3.inverse(truth[anchor]) @ truth[name]
         seen = se3.inverse(estimate.T_world_body[anchor]) @ estimate.T_world_body[name]
-        xi = se3.log(se3.inverse(seen) @ true)[_YAW_AND_POSITION]
-        covariance = estimate.relative_covariance(anchor, name)[_YAW_AND_POSITION, _YAW_AND_POSITION]
+        xi = se3.log(se3.inverse(seen) @ true)[YAW_AND_POSITION]
+        covariance = estimate.relative_covariance(anchor, name)[YAW_AND_POSITION, YAW_AND_POSITION]
         off.append(float(np.linalg.norm(seen[:3, 3] - true[:3, 3])))
         nees.append(float(xi @ np.linalg.solve(covariance, xi)) / 4)
     return off, nees

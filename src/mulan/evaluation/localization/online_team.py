@@ -6,10 +6,10 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
 
+from mulan.evaluation.localization.drawn_bearing import drawn_bearing
 from mulan.geometry import se3, so3
 from mulan.geometry.camera import PinholeCamera
 from mulan.mission.types import OdometryTrack, PoseTrack, RobotLog
-from mulan.wireless.directions import tangent_basis
 from mulan.wireless.types import Bearing, Range
 
 _WIFI_BODY_M = np.array([0.1, 0.0, 0.05])
@@ -124,27 +124,7 @@ class TrueRadio:
 
     def bearing(self, rng: np.random.Generator, observer: RobotLog, peer: RobotLog, i: int) -> Bearing:
         """A direction, wrong with the configured probability."""
-        T_o, T_p = _truth(observer, i), _truth(peer, i)
-        v = se3.transform(T_p, _WIFI_BODY_M) - se3.transform(T_o, _WIFI_BODY_M)
-        T_odom = observer.odometry.T_odom_body[i]
-        u = T_odom[:3, :3] @ T_o[:3, :3].T @ (v / np.linalg.norm(v))
-        u = u + tangent_basis(u) @ (self.config.sigma_rad * rng.normal(size=2))
-        if rng.random() < self.config.outliers:
-            u = rng.normal(size=3)
-        time_s = float(observer.odometry.time_s[i])
-        return Bearing(
-            observer=observer.name,
-            peer=peer.name,
-            time_s=time_s,
-            peer_time_s=time_s,
-            T_odom_body=T_odom,
-            direction_odom=(u / np.linalg.norm(u))[None],
-            tangent_covariance=(self.config.sigma_rad**2 * np.eye(2))[None],
-            weight=np.array([0.95]),
-            outlier_mass=0.05,
-            kappa_paper=1e5,
-            packets=300,
-        )
+        return drawn_bearing(rng, observer, peer, i, self.config.sigma_rad, self.config.outliers)[0]
 
     def range(self, rng: np.random.Generator, robots: tuple[RobotLog, ...], a: int, b: int, i: int) -> Range:
         """A distance, over a detour with the configured probability."""

@@ -6,14 +6,12 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-import gtsam
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
 
 from mulan.errors import InputError
 from mulan.evaluation.localization.drawn_radio import DrawnRadioConfig, Instants, draw_radio
-from mulan.evaluation.localization.drift_evidence import likeliest_odometry
 from mulan.evaluation.localization.flight_picture import draw_flights
 from mulan.evaluation.localization.flights import (
     Flight,
@@ -27,9 +25,12 @@ from mulan.evaluation.localization.flights import (
 from mulan.evaluation.localization.paper_fix import initial_fix
 from mulan.evaluation.localization.relative_score import RelativeErrors, figures, relative_errors, solved_pair
 from mulan.geometry import se3
-from mulan.localization.graph import LocalizationConfig, build_graph
-from mulan.localization.initialization import initial_alignment
-from mulan.localization.solve import solve_graph
+from mulan.localization.graph import LocalizationConfig
+from mulan.localization.keyframes import OdometryNoise
+from mulan.localization.marginals import TeamMarginals
+from mulan.localization.odometry_correction import OdometryCorrection
+from mulan.localization.odometry_learning import learn_odometry
+from mulan.localization.trust import solve_trusting
 from mulan.mission.types import RobotLog
 from mulan.wireless.types import Bearing, Range
 
@@ -43,7 +44,7 @@ class EurocConfig:
     radio: DrawnRadioConfig = field(default_factory=DrawnRadioConfig)
     """What is drawn on the true motion."""
     localization: LocalizationConfig = field(default_factory=LocalizationConfig)
-    """The graph; its odometry noise is where the search for the likeliest begins."""
+    """The graph; scale and drift of the odometry are learned from the radio."""
     score_every_s: float = 1.0
     """Interval of the instants scored."""
     known_within_s: float = 0.1
@@ -148,46 +149,60 @@ def papers_scheme(team: Team, bearings: Sequence[Bearing], ranges: Sequence[Rang
 
 @dataclass(frozen=True)
 class TeamRun:
-    """One drawing of the radio: errors by scheme, and what was assumed of the odometry."""
+    """One drawing of the radio: errors by scheme, and what was learned of the odometry."""
 
     ours: list[RelativeErrors]
     default_noise: list[RelativeErrors]
     paper: list[RelativeErrors]
-    translation_percent: float
-    scale: Mapping[str, float]
+    odometry: Mapping[str, OdometryCorrection]
+    suspects: tuple[str, ...]
     bearings: int
     ranges: int
 
 
 def run_once(team: Team, seed: int, config: EurocConfig) -> TeamRun:
-    """Draw the radio, localise, learn drift and scales from the graph, localise again."""
+    """Draw the radio and localise as ``mulan localize`` does; score before and after odometry is learned."""
     bearings, ranges = draw_radio(
         np.random.default_rng(seed), team.robots, team.bearing_s, team.range_s, config.radio
     )
     robots = tuple(team.robots.values())
-    options = config.localization
-    start = initial_alignment(robots, bearings, ranges, options.initialization)
-    graph = build_graph(robots, bearings, ranges, options)
-    first = solve_graph(graph, graph.initial(start))
-    odometry = likeliest_odometry(robots, bearings, ranges, first, options)
-    second = solve_graph(odometry.graph, odometry.values)
+    first = solve_trusting(robots, bearings, ranges, config.localization)
+    placed = [robot for robot in robots if robot.name in first.graph.robots]
+    learned = learn_odometry(placed, first.graph, first.solution)
+    given = TeamMarginals(first.graph, first.solution)
     errors: list[list[RelativeErrors]] = []
-    for joined, solution in ((odometry.graph, second), (graph, first)):
-        marginals = gtsam.Marginals(solution.graph, solution.values)
+    for graph, solution, marginals in (
+        (learned.graph, learned.solution, learned.marginals),
+        (first.graph, first.solution, given),
+    ):
         scored = []
         for pair, times in team.score_s.items():
-            a, b, covariance = solved_pair(joined, solution, marginals, pair, times)
+            a, b, covariance = solved_pair(graph, solution, marginals, pair, times)
             scored.append(relative_errors(pair, times, (a, b), _poses(team, pair, true=True), covariance))
         errors.append(scored)
     return TeamRun(
         errors[0],
         errors[1],
         papers_scheme(team, bearings, ranges),
-        odometry.config.odometry_noise.translation_percent,
-        odometry.scale,
+        learned.corrections,
+        tuple(suspect.robot for suspect in first.suspects),
         len(bearings),
         len(ranges),
     )
+
+
+def _learned(runs: Sequence[TeamRun], name: str, noise: OdometryNoise) -> dict[str, float]:
+    """Medians over the drawings of one robot's scale and drift."""
+    found = [run.odometry[name] for run in runs]
+    return {
+        "scale": float(np.median([c.scale for c in found])),
+        "translation_percent": float(
+            noise.translation_percent * np.median([c.translation_noise for c in found])
+        ),
+        "rotation_deg_per_sqrt_m": float(
+            noise.rotation_deg_per_sqrt_m * np.median([c.heading_noise for c in found])
+        ),
+    }
 
 
 def _median(runs: Sequence[TeamRun], name: str) -> float:
@@ -222,12 +237,9 @@ def run_team(
         "with_default_drift": figures([e for run in runs for e in run.default_noise]),
         "odometry_alone_best_aligned": figures(aligned),
         "learned_drift": {
-            "translation_percent": _median(runs, "translation_percent"),
-            "scale": {name: float(np.median([run.scale[name] for run in runs])) for name in sequences},
-            "rotation_deg_per_sqrt_m": config.localization.odometry_noise.rotation_deg_per_sqrt_m,
-            "rule": "position drift and scales most probable given the radio, poses integrated out; rotation "
-            "drift as configured; no truth is used",
+            name: _learned(runs, name, config.localization.odometry_noise) for name in sequences
         },
+        "suspects": sorted({name for run in runs for name in run.suspects}),
         "bearings": int(_median(runs, "bearings")),
         "ranges": int(_median(runs, "ranges")),
         "odometry": estimate,

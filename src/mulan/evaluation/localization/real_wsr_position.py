@@ -61,7 +61,7 @@ class WsrPositionConfig:
 
 @dataclass(frozen=True)
 class PlacedRun:
-    """One run placed; ``ellipse`` is the truth's squared Mahalanobis length, ``level`` its density level."""
+    """One run placed; ``squared`` is the truth's Mahalanobis length, ``ellipse`` and ``level`` its levels."""
 
     set: str
     run: str
@@ -69,10 +69,10 @@ class PlacedRun:
     links: int
     estimate_m: Float[NDArray, "2"]
     true_m: Float[NDArray, "2"]
+    squared: float
     ellipse: float
     level: float
-    mean_m: Float[NDArray, "2"]
-    covariance_m2: Float[NDArray, "2 2"]
+    ellipse_68_m2: Float[NDArray, "2 2"]
 
     @property
     def error_m(self) -> float:
@@ -122,9 +122,9 @@ def place_run(task: tuple[str, Path, WsrPositionConfig]) -> list[PlacedRun]:
                 posterior.nearest_m,
                 true_m,
                 posterior.squared_length(true_m),
+                posterior.ellipse_level_of(true_m),
                 posterior.level_of(true_m),
-                posterior.mean_m,
-                posterior.covariance_m2,
+                posterior.ellipse_m2(0.68),
             )
         )
     return placed
@@ -141,25 +141,30 @@ def _placed(tasks: Sequence[tuple[str, Path, WsrPositionConfig]], workers: int) 
 
 def _figures(runs: Sequence[PlacedRun]) -> dict[str, Any]:
     error = np.array([run.error_m for run in runs])
-    ellipse = np.array([run.ellipse for run in runs])
-    level = np.array([run.level for run in runs])
+    squared = np.array([run.squared for run in runs])
     result: dict[str, Any] = {
         "runs": len(runs),
         "median_m": float(np.median(error)),
         "mean_m": float(error.mean()),
         "rms_m": float(np.sqrt((error**2).mean())),
         "worst_m": float(error.max()),
-        "nees_per_dof": float(ellipse.mean() / 2),
+        "nees_per_dof": float(squared.mean() / 2),
     }
-    result |= {name: float((ellipse <= bound).mean()) for name, bound in COVERED.items()}
-    result |= {f"density_{name}": float((level <= int(name[-2:]) / 100).mean()) for name in COVERED}
+    for name, bound in COVERED.items():
+        share = int(name[-2:]) / 100
+        result[name] = float(np.mean([run.ellipse <= share for run in runs]))
+        result[f"density_{name}"] = float(np.mean([run.level <= share for run in runs]))
+        result[f"gaussian_{name}"] = float((squared <= bound).mean())
     return result
 
 
 def run_wsr_position(
     data: Path, config: WsrPositionConfig | None = None, picture: Path | None = None
 ) -> dict[str, Any]:
-    """Every run of every set; ``coverage`` counts ellipses, ``density_coverage`` highest-density regions.
+    """Every run of every set.
+
+    ``coverage`` counts ellipses that hold 68 and 95 % of the posterior, ``density_coverage`` highest-density
+    regions, ``gaussian_coverage`` ellipses of a Gaussian with the posterior's mean and covariance.
 
     Args:
         data: Folder that holds ``wsr_aoa``.

@@ -1,16 +1,16 @@
 """Where one robot is in another's axes: estimates against truth, and whether the covariance says so."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-import gtsam
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
 
 from mulan.geometry import se3
 from mulan.localization.graph import LocalizationGraph
+from mulan.localization.marginals import TeamMarginals
 from mulan.localization.solve import Solution
 
 
@@ -25,6 +25,8 @@ class RelativeErrors:
         yaw_rad: Error about the vertical.
         squared: Squared Mahalanobis length over position and yaw (4 freedoms); None without a covariance.
         squared_full: Over all six.
+        claimed_m2: Claimed variance of the position, all axes together.
+        claimed_rad2: Claimed variance of the yaw.
     """
 
     pair: tuple[str, str]
@@ -33,6 +35,8 @@ class RelativeErrors:
     yaw_rad: Float[NDArray, "n"]
     squared: Float[NDArray, "n"] | None = None
     squared_full: Float[NDArray, "n"] | None = None
+    claimed_m2: Float[NDArray, "n"] | None = None
+    claimed_rad2: Float[NDArray, "n"] | None = None
 
 
 def _mahalanobis(x: Float[NDArray, "n d"], covariance: Float[NDArray, "n d d"]) -> Float[NDArray, "n"]:
@@ -61,20 +65,26 @@ def relative_errors(
     up = np.swapaxes(truth[1][:, :3, :3], 1, 2)[:, :, 2]
     xi = se3.log(se3.inverse(E) @ true)
     yaw = -(xi[:, :3] * up).sum(1)
-    squared = squared_full = None
-    if covariance is not None:
-        P = np.zeros((len(xi), 4, 6))
-        P[:, 0, :3] = up
-        P[:, [1, 2, 3], [3, 4, 5]] = 1.0
-        squared = _mahalanobis((P @ xi[..., None])[..., 0], P @ covariance @ np.swapaxes(P, 1, 2))
-        squared_full = _mahalanobis(xi, covariance)
-    return RelativeErrors(pair, time_s, E[:, :3, 3] - true[:, :3, 3], yaw, squared, squared_full)
+    errors = RelativeErrors(pair, time_s, E[:, :3, 3] - true[:, :3, 3], yaw)
+    if covariance is None:
+        return errors
+    P = np.zeros((len(xi), 4, 6))
+    P[:, 0, :3] = up
+    P[:, [1, 2, 3], [3, 4, 5]] = 1.0
+    claimed = P @ covariance @ np.swapaxes(P, 1, 2)
+    return replace(
+        errors,
+        squared=_mahalanobis((P @ xi[..., None])[..., 0], claimed),
+        squared_full=_mahalanobis(xi, covariance),
+        claimed_m2=np.einsum("nii->n", claimed[:, 1:, 1:]),
+        claimed_rad2=claimed[:, 0, 0],
+    )
 
 
 def solved_pair(
     graph: LocalizationGraph,
     solution: Solution,
-    marginals: gtsam.Marginals,
+    marginals: TeamMarginals,
     pair: tuple[str, str],
     time_s: Float[NDArray, "n"],
 ) -> tuple[Float[NDArray, "n 4 4"], Float[NDArray, "n 4 4"], Float[NDArray, "n 6 6"]]:
@@ -85,12 +95,10 @@ def solved_pair(
     poses: tuple[list[NDArray], list[NDArray]] = ([], [])
     covariance = []
     for t in time_s:
-        a, b = (graph.key(name, graph.robots[name].nearest(float(t))) for name in pair)
-        T_a, T_b = (solution.values.atPose3(key).matrix() for key in (a, b))
-        joint = marginals.jointMarginalCovariance([a, b])
-        J = -se3.adjoint(se3.inverse(T_b) @ T_a)
-        cross = J @ joint.at(a, b)
-        covariance.append(J @ joint.at(a, a) @ J.T + cross + cross.T + joint.at(b, b))
+        ends = [(name, graph.robots[name].nearest(float(t))) for name in pair]
+        T_a, T_b = (solution.values.atPose3(graph.key(*end)).matrix() for end in ends)
+        J = np.concatenate([-se3.adjoint(se3.inverse(T_b) @ T_a), np.eye(6)], 1)
+        covariance.append(J @ marginals.joint(ends) @ J.T)
         poses[0].append(T_a)
         poses[1].append(T_b)
     return np.array(poses[0]), np.array(poses[1]), np.array(covariance)
@@ -112,4 +120,11 @@ def figures(errors: Sequence[RelativeErrors]) -> dict[str, Any]:
     if squared:
         result["nees_per_dof"] = float(np.concatenate(squared).mean() / 4)
         result["nees_per_dof_with_tilt"] = float(np.concatenate(full).mean() / 6)
+    of_place = [e.claimed_m2 for e in errors if e.claimed_m2 is not None]
+    of_yaw = [e.claimed_rad2 for e in errors if e.claimed_rad2 is not None]
+    if of_yaw and of_place:
+        variance = np.concatenate(of_yaw)
+        result["claimed_rms_m"] = float(np.sqrt(np.concatenate(of_place).mean()))
+        result["claimed_yaw_rms_deg"] = float(np.degrees(np.sqrt(variance.mean())))
+        result["nees_of_yaw"] = float((yaw**2 / variance).mean())
     return result

@@ -6,10 +6,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import NDArray
 
+from mulan.evaluation.localization.drawn_bearing import drawn_bearing
 from mulan.geometry import se3, so3
 from mulan.geometry.camera import PinholeCamera
 from mulan.mission.types import OdometryTrack, Photo, PoseTrack, RobotLog
-from mulan.wireless.directions import tangent_basis
 from mulan.wireless.types import Bearing, Range
 
 WIFI_BODY_M = np.array([0.10, 0.00, 0.05])
@@ -143,36 +143,6 @@ def _robot(
     )
 
 
-def _bearing(
-    rng: np.random.Generator, observer: RobotLog, peer: RobotLog, i: int, noise: Noise, share: float
-) -> tuple[Bearing, bool]:
-    assert observer.ground_truth is not None
-    assert peer.ground_truth is not None
-    To, Tp = observer.ground_truth.T_world_body[i], peer.ground_truth.T_world_body[i]
-    v = se3.transform(Tp, WIFI_BODY_M) - se3.transform(To, WIFI_BODY_M)
-    T_odom = observer.odometry.T_odom_body[i]
-    u = T_odom[:3, :3] @ To[:3, :3].T @ (v / np.linalg.norm(v))
-    sigma = np.deg2rad(noise.bearing_deg)
-    u = u + tangent_basis(u) @ (sigma * rng.normal(size=2))
-    wrong = bool(rng.random() < share)
-    if wrong:
-        u = rng.normal(size=3)
-    bearing = Bearing(
-        observer=observer.name,
-        peer=peer.name,
-        time_s=float(i),
-        peer_time_s=float(i),
-        T_odom_body=T_odom,
-        direction_odom=(u / np.linalg.norm(u))[None],
-        tangent_covariance=sigma**2 * np.eye(2)[None],
-        weight=np.array([1 - told_share(share)]),
-        outlier_mass=told_share(share),
-        kappa_paper=0.0,
-        packets=300,
-    )
-    return bearing, not wrong
-
-
 def told_share(share: float) -> float:
     """The outlier mass the estimator is told: calibrated, but never nought."""
     return max(share, 0.02)
@@ -222,9 +192,11 @@ def draw_team(rng: np.random.Generator, case: Case, noise: Noise) -> SimulatedTe
                 continue
             for i in sorted(rng.choice(case.samples, case.meetings, replace=False).tolist()):
                 for at in ((a, b, i), (b, a, i)):
-                    bearings.append(
-                        (*_bearing(rng, robots[at[0]], robots[at[1]], i, noise, case.outlier_share), at)
-                    )
+                    told = told_share(case.outlier_share)
+                    ends = robots[at[0]], robots[at[1]]
+                    sigma_rad = np.deg2rad(noise.bearing_deg)
+                    drawn = drawn_bearing(rng, *ends, i, sigma_rad, case.outlier_share, told)
+                    bearings.append((*drawn, at))
                 ranges.append((*_range(rng, robots[a], robots[b], i, noise, case.outlier_share), (a, b, i)))
     return SimulatedTeam(
         robots,

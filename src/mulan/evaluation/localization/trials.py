@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
 
-from mulan.errors import InputError
 from mulan.evaluation.localization.bounds import camera_bound
 from mulan.evaluation.localization.simulated_team import (
     CAMERA_BODY_M,
@@ -51,7 +50,7 @@ class Trial:
         yaw_rad: Heading error of every photograph.
         nees: Squared error of yaw and position at every photograph in units of the claimed covariance.
         seconds: Processor time the estimator took.
-        refused: What the estimator said instead of an answer; the arrays are empty then.
+        refused: What the estimator said of a robot it could not place; the arrays are empty then.
     """
 
     squared_m2: Float[NDArray, "n"]
@@ -79,12 +78,11 @@ def run_trial(case: Case, noise: Noise, seed: int, index: int) -> Trial:
     """Draw, localize, compare."""
     team = draw(case, noise, seed, index)
     began = process_time()
-    try:
-        localization = localize_from_measurements(team.robots, team.bearings, team.ranges, told(case))
-    except InputError as error:
-        nothing = np.zeros(0)
-        return Trial(nothing, nothing, nothing, nothing, process_time() - began, str(error))
+    localization = localize_from_measurements(team.robots, team.bearings, team.ranges, told(case))
     seconds = process_time() - began
+    if localization.undetermined:
+        nothing = np.zeros(0)
+        return Trial(nothing, nothing, nothing, nothing, seconds, str(localization.undetermined[0].error()))
     squared, yaw, nees = _errors(team, localization)
     return Trial(squared, camera_bound(team, noise, case.drifting).ravel(), yaw, nees, seconds)
 

@@ -13,7 +13,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.patches import Ellipse
 
-from mulan.evaluation.localization.track_score import COVERED
 from mulan.mission.run_folder import write_atomically
 
 if TYPE_CHECKING:
@@ -38,10 +37,10 @@ def draw_positions(runs: Sequence[PlacedRun], path: Path) -> None:
             panel = axes[row][column]
             group = [run for run in runs if run.set == name and run.source is source]
             for run in group:
-                value, vector = np.linalg.eigh(run.covariance_m2)
-                width, height = 2 * np.sqrt(COVERED["coverage_68"] * value)
+                value, vector = np.linalg.eigh(run.ellipse_68_m2)
+                width, height = 2 * np.sqrt(value)
                 angle = float(np.degrees(np.arctan2(vector[1, 0], vector[0, 0])))
-                at = (float(run.mean_m[0]), float(run.mean_m[1]))
+                at = (float(run.estimate_m[0]), float(run.estimate_m[1]))
                 claimed = Ellipse(at, width, height, angle=angle, fill=False, color=_OURS, lw=0.5)
                 claimed.set_alpha(0.4)
                 panel.add_patch(claimed)

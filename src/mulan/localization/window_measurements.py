@@ -1,19 +1,16 @@
-"""How far recent measurements are to be believed, all of a window judged together."""
+"""Measurements of the online window, and their arrays."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from numpy.typing import NDArray
 
-from mulan.geometry import so3
 from mulan.localization.factors import Sight
 from mulan.localization.graph import BearingNode, RangeNode, observed_in_body
-from mulan.localization.measurement_terms import MeasurementTerms, Poses
-
-_DETOUR_SPAN_M = 10.0  # wrong ranges are spread over so many metres
+from mulan.localization.measurement_terms import MeasurementTerms
 
 
 @dataclass(eq=False)
@@ -89,53 +86,3 @@ def window_terms(
         sigma_m=np.array([node.measurement.sigma_m for node in nodes], dtype=float),
         bias=np.array([bias_at[node.bias_key] for node in nodes], dtype=int),
     )
-
-
-def judge(
-    terms: MeasurementTerms,
-    poses: Poses,
-    spread: Float[NDArray, "m 12 12"],
-    inflation: float = 1.0,
-) -> tuple[Float[NDArray, "m"], Int[NDArray, "b"]]:
-    """Probability that each measurement is right, and the likeliest hypothesis of each bearing.
-
-    As in the batch solution, but a measurement that is not in the estimate yet is judged against a prediction
-    that is itself uncertain.
-
-    Args:
-        terms: Measurements.
-        poses: Where the robots are thought to be.
-        spread: Joint covariance of a new measurement's two poses; zeros for one that is in the estimate.
-        inflation: Multiplies every sigma.
-    """
-    b = len(terms.direction)
-    v, from_body, R_o_p = terms.sight(poses)
-    by_poses = np.concatenate(
-        [so3.hat(from_body), np.tile(-np.eye(3), (len(v), 1, 1)), -R_o_p @ so3.hat(terms.peer_body_m), R_o_p],
-        axis=2,
-    )
-    of_v = by_poses @ spread @ np.swapaxes(by_poses, 1, 2)
-    length = np.maximum(np.linalg.norm(v, axis=1), 1e-9)
-    across = of_v[:b] / length[:b, None, None] ** 2
-    covariance = terms.covariance * inflation**2
-    covariance = covariance + np.swapaxes(terms.basis, 2, 3) @ across[:, None] @ terms.basis
-    miss = terms.bearing_misses(v[:b])
-    squared = (miss * np.linalg.solve(covariance, miss[..., None])[..., 0]).sum(-1)
-    # an axis that was not observed has variance one and no miss
-    unseen = (2 - terms.axes)[:, None] * 2 * np.log(inflation)
-    log_volume = np.linalg.slogdet(covariance)[1] - unseen + terms.axes[:, None] * np.log(2 * np.pi)
-    inside = terms.log_weight - squared / 2 - log_volume / 2
-    variance = (terms.sigma_m * inflation) ** 2
-    variance = variance + np.einsum("ri,rij,rj->r", v[b:], of_v[b:], v[b:]) / length[b:] ** 2
-    log_range = -(terms.range_misses(v[b:], poses) ** 2) / variance / 2 - np.log(2 * np.pi * variance) / 2
-    right = np.concatenate(
-        [
-            np.logaddexp.reduce(inside, axis=1) if b else np.zeros(0),
-            log_range + np.log1p(-terms.outlier_mass[b:]),
-        ]
-    )
-    sphere = np.where(terms.axes == 1, 2 * np.pi, 4 * np.pi)
-    span = np.concatenate([sphere, np.full(len(variance), _DETOUR_SPAN_M)])
-    wrong = np.log(np.maximum(terms.outlier_mass, 1e-300)) - np.log(span)
-    chosen = inside.argmax(1) if b else np.zeros(0, dtype=int)
-    return np.exp(right - np.logaddexp(right, wrong)), chosen
