@@ -51,8 +51,8 @@ def finished_cases(
 ) -> Iterator[tuple[str, dict[str, Any]]]:
     """Name and line of ``metrics.json`` of every case not known yet, as each is finished."""
     cases = [case for case in cases_of(config) if case.name not in known]
-    # the longest first, so that no worker is left with one at the end
-    cases.sort(key=lambda case: -case.robots * case.meetings)
+    # the shortest first: a run that is stopped has most of its cases
+    cases.sort(key=lambda case: case.robots**2 * case.meetings)
     jobs = [(case, index) for case in cases for index in range(case.trials)]
     trials: list[Trial] = []
     for done, ((case, _), trial) in enumerate(_run(jobs, config)):
@@ -75,7 +75,7 @@ def _run(jobs: Sequence[tuple[Case, int]], config: CasesConfig) -> Iterator[tupl
     # a fresh interpreter each: a fork would copy locks held by threads of the parent
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(config.workers, mp_context=context) as pool:
-        yield from zip(jobs, pool.map(work, jobs, chunksize=4), strict=True)
+        yield from zip(jobs, pool.map(work, jobs), strict=True)
 
 
 @dataclass(frozen=True)
