@@ -73,6 +73,17 @@ def test_the_bound_grows_with_the_noise():
     np.testing.assert_allclose(twice, 4 * once, rtol=1e-6)
 
 
+@pytest.mark.parametrize("drifting", [False, True])
+def test_the_bound_is_infinite_where_no_right_measurement_ties_the_robots(drifting):
+    team = draw(Case("pairs_1", 1, meetings=1), Noise(), 0, 0)
+    lies = replace(
+        team,
+        bearing_right=np.zeros_like(team.bearing_right),
+        range_right=np.zeros_like(team.range_right),
+    )
+    assert np.isinf(camera_bound(lies, Noise(), drifting)).all()
+
+
 def test_the_bound_of_drift_becomes_that_of_exact_odometry():
     team = draw(Case("pairs_5", 1, samples=31), Noise(), 0, 0)
     exact = camera_bound(team, Noise(), drifting=False)

@@ -108,7 +108,8 @@ def camera_bound(team: SimulatedTeam, noise: Noise, drifting: bool) -> Float[NDA
     """Bound on the mean squared error [m²] of every camera position of all robots but the anchor.
 
     Freedoms are yaw and position of each start frame, or, where odometry drifts, of every pose; the anchor's
-    first pose is fixed. The Fisher information is that of the right measurements at the truth.
+    first pose is fixed. The Fisher information is that of the right measurements at the truth; where it
+    leaves a freedom open, all bounds are infinite.
     """
     T = team.T_truth_body
     R, p = T[..., :3, :3], T[..., :3, 3]
@@ -125,7 +126,8 @@ def camera_bound(team: SimulatedTeam, noise: Noise, drifting: bool) -> Float[NDA
         ]
         J.append(scipy.sparse.block_diag([_odometry_rows(path, noise) for path in p]))
         photo = np.arange(1, robots)[:, None] * samples + team.photo_at
-        own = _covariance(scipy.sparse.vstack(J), photo.ravel()).reshape(robots - 1, -1, 4, 4)
+        found = _covariance(scipy.sparse.vstack(J), photo.ravel())
+        own = None if found is None else found.reshape(robots - 1, -1, 4, 4)
     else:
         moved = np.array([_from_start(path) for path in p])
         J = [
@@ -138,16 +140,21 @@ def camera_bound(team: SimulatedTeam, noise: Noise, drifting: bool) -> Float[NDA
         ]
         start = _covariance(scipy.sparse.vstack(J), np.arange(1, robots))
         at = moved[1:, team.photo_at]
-        own = at @ start[:, None] @ np.swapaxes(at, 2, 3)
+        own = None if start is None else at @ start[:, None] @ np.swapaxes(at, 2, 3)
+    if own is None:
+        return np.full((robots - 1, len(team.photo_at)), np.inf)
     arm = (R[1:, team.photo_at] @ CAMERA_BODY_M).reshape(-1, 3)
     to_camera = _turned(arm).reshape(robots - 1, -1, 3, 4)
     return np.einsum("rpia,rpab,rpib->rp", to_camera, own, to_camera)
 
 
-def _covariance(J: Any, wanted: Int[NDArray, "w"]) -> Float[NDArray, "w 4 4"]:
-    """Blocks of the inverse information for some poses; the first pose is fixed."""
+def _covariance(J: Any, wanted: Int[NDArray, "w"]) -> Float[NDArray, "w 4 4"] | None:
+    """Blocks of the inverse information for some poses, None if it is singular; the first pose is fixed."""
     J = J.tocsc()[:, 4:]
-    factor = scipy.sparse.linalg.splu((J.T @ J).tocsc())
+    try:
+        factor = scipy.sparse.linalg.splu((J.T @ J).tocsc())
+    except RuntimeError:  # "Factor is exactly singular"
+        return None
     found = np.empty((len(wanted), 4, 4))
     for block, pose in enumerate(wanted):
         at = 4 * (int(pose) - 1) + np.arange(4)
