@@ -20,6 +20,8 @@ from mulan.evaluation.localization.simulated_team import (
 
 _UP = np.array([0.0, 0.0, 1.0])
 
+_OPEN = 1e6  # a variance [m² or rad²] that only rounding keeps from being infinite
+
 
 def _turned(arm: Float[NDArray, "m 3"]) -> Float[NDArray, "m 3 4"]:
     """Motion of the end of a lever arm (world axes) by a pose's (yaw, x, y, z) in world axes."""
@@ -161,4 +163,5 @@ def _covariance(J: Any, wanted: Int[NDArray, "w"]) -> Float[NDArray, "w 4 4"] | 
         unit = np.zeros((J.shape[1], 4))
         unit[at, np.arange(4)] = 1.0
         found[block] = factor.solve(unit)[at]
-    return found
+    variance = np.diagonal(found, axis1=1, axis2=2)
+    return found if ((variance > 0) & (variance < _OPEN)).all() else None
