@@ -11,12 +11,15 @@ import zenoh
 from rosbags.typesys.stores import ros2_jazzy as ros
 
 from mulan.fleet.acknowledgement import Acknowledgement
+from mulan.fleet.clock_offset import ClockOffset
+from mulan.fleet.clock_record import recorded_offset
 from mulan.fleet.inbox import Inbox, Received
 from mulan.fleet.ingest import Ingest, IngestConfig
 from mulan.fleet.journal import Entry, Journal
 from mulan.fleet.names import acknowledgement_key, check_mission_name, check_robot_name
 from mulan.fleet.refusals import Deferral, LinkStatus, Refusal
 from mulan.fleet.verdict import Arrival, Verdict
+from mulan.fleet.wire_topics import CLOCK
 from mulan.fleet.zenoh_session import LinkConfig, open_base_session
 from mulan.mission import messages
 
@@ -55,6 +58,7 @@ class BaseStation:
         journal: The bag.
         disk_problem: Why the disk takes no more, or an empty text.
         answered_bytes: Acknowledgements sent, by robot.
+        clocks: Last offset each robot recorded.
     """
 
     def __init__(
@@ -80,6 +84,7 @@ class BaseStation:
         self.ingest = Ingest(config.mission, config.ingest)
         self.disk_problem = ""
         self.answered_bytes: dict[str, int] = {}
+        self.clocks: dict[str, ClockOffset] = {}
         self._on_message, self._tell = on_message, tell
         self._id = secrets.randbits(63)
         self._inbox = Inbox(int(config.inbox_mb * 1e6), config.ingest.largest_message_bytes)
@@ -158,7 +163,13 @@ class BaseStation:
         if accepted and self._write(list(accepted.values())):
             for verdict in accepted.values():
                 self.ingest.settle(verdict)
+                self._note_clock(verdict)
                 self._on_message(verdict)
+
+    def _note_clock(self, verdict: Verdict) -> None:
+        entry = verdict.entry
+        if verdict.robot is not None and entry is not None and entry.msgtype == CLOCK.msgtype:
+            self.clocks[verdict.robot] = recorded_offset(verdict.message)
 
     def _write(self, verdicts: list[Verdict]) -> bool:
         try:

@@ -12,6 +12,7 @@ from mulan.geometry.camera import PinholeCamera
 from mulan.mission import bag_csi, bag_tracks, messages, pixels, ros_camera
 from mulan.mission.bag_mounts import Mounts
 from mulan.mission.bag_topics import BagTopics
+from mulan.mission.messages import RobotFrames
 
 
 class ContentChecks:
@@ -20,12 +21,14 @@ class ContentChecks:
     Attributes:
         robot: Its name.
         camera: Its first calibration.
+        mounts: Parent of each of its frames.
         csi_layouts: Antennas and subcarrier frequencies of the packets from each peer.
     """
 
     def __init__(self, robot: str) -> None:
         self.robot = robot
         self.camera: PinholeCamera | None = None
+        self.mounts: dict[str, str] = {}
         self.csi_layouts: dict[str, tuple[int, bytes]] = {}
 
     def check(self, topic: WireTopic, message: Any, robots: Collection[str]) -> Refusal | Deferral | None:
@@ -45,6 +48,9 @@ class ContentChecks:
         """Take note of a message that has passed the checks."""
         if topic.topic == messages.CAMERA_INFO and self.camera is None:
             self.camera = ros_camera.from_camera_info(message)
+        elif topic.topic == MOUNTS:
+            bag = BagTopics(Path(), {messages.TF_STATIC: [message]})
+            self.mounts |= {child: parent for child, (parent, _) in Mounts.of(bag).parent.items()}
         elif topic.topic == messages.CSI:
             self.csi_layouts.setdefault(message.peer, _layout(message))
 
@@ -58,9 +64,7 @@ class ContentChecks:
             if self.camera is not None and camera != self.camera:
                 return Refusal.MALFORMED
         elif kind == MOUNTS:
-            for child, (parent, _) in Mounts.of(bag).parent.items():
-                if not (child.startswith(f"{robot}/") and parent.startswith(f"{robot}/")):
-                    return Refusal.MALFORMED
+            return self._check_mounts(Mounts.of(bag))
         elif kind == messages.ODOMETRY:
             bag_tracks.odometry(bag, robot)
         elif kind == messages.RANGE:
@@ -78,6 +82,21 @@ class ContentChecks:
                 pixels.decode(photo.data, bag.source.name)
         elif kind == CLOCK:
             to_ns(message.time_ref)
+        return None
+
+    def _check_mounts(self, published: Mounts) -> Refusal | None:
+        """A frame keeps its parent, and every frame leads to the robot's own body."""
+        body = RobotFrames(self.robot).body
+        parents = {child: parent for child, (parent, _) in published.parent.items()}
+        if any(self.mounts.get(child, parent) != parent for child, parent in parents.items()):
+            return Refusal.MALFORMED
+        merged = self.mounts | parents
+        for frame in parents:
+            at = frame
+            for _ in merged:
+                at = merged.get(at, at) if at != body else body
+            if at != body or frame == body or not frame.startswith(f"{self.robot}/"):
+                return Refusal.MALFORMED
         return None
 
     def _may_be_peer(self, name: str, robots: Collection[str]) -> bool:

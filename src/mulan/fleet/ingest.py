@@ -15,7 +15,7 @@ from mulan.fleet.refusals import Deferral, Intrusion, LinkStatus, Refusal
 from mulan.fleet.sequence_set import SequenceSet
 from mulan.fleet.token_bucket import TokenBucket
 from mulan.fleet.verdict import GOODBYE, GREETING, Arrival, Outcome, Verdict
-from mulan.fleet.wire_topics import WIRE_TOPICS, Importance, WireTopic, type_hash
+from mulan.fleet.wire_topics import MOUNTS, WIRE_TOPICS, Importance, WireTopic, type_hash
 from mulan.mission import messages
 
 _NS_PER_S = 1_000_000_000
@@ -54,7 +54,7 @@ class RobotState:
 
     Attributes:
         content: What its messages promised.
-        messages, bytes: Rate limits.
+        message_rate, byte_rate: Limits.
         holder: Incarnation and session the name belongs to.
         heard_s: When something last came from the holder.
         settled: Sequence numbers on disk or refused, by incarnation.
@@ -65,8 +65,8 @@ class RobotState:
     """
 
     content: ContentChecks
-    messages: TokenBucket
-    bytes: TokenBucket
+    message_rate: TokenBucket
+    byte_rate: TokenBucket
     holder: tuple[int, int] | None = None
     heard_s: float = 0.0
     settled: dict[int, SequenceSet] = field(default_factory=dict)
@@ -101,7 +101,7 @@ class Ingest:
         state = self._state(robot)
         state.settled.setdefault(incarnation, SequenceSet()).add(recorded.sequence)
         topic = WIRE_TOPICS[suffix]
-        if topic.topic in (messages.CAMERA_INFO, messages.CSI):
+        if topic.topic in (messages.CAMERA_INFO, MOUNTS, messages.CSI):
             store = messages.typestore()
             state.content.remember(topic, store.deserialize_cdr(recorded.payload, topic.topic.msgtype))
 
@@ -191,7 +191,7 @@ class Ingest:
             len(state.refused) >= _MOST_REFUSED
         ):
             return verdict(Deferral.TOO_FAR_AHEAD)
-        if not (state.messages.take(1, now_s) and state.bytes.take(len(payload), now_s)):
+        if not (state.message_rate.take(1, now_s) and state.byte_rate.take(len(payload), now_s)):
             return verdict(Deferral.TOO_FAST)
         found = self._message(state, suffix, envelope, payload)
         if isinstance(found, Refusal):

@@ -1,6 +1,6 @@
 """Why the base station does not take a message."""
 
-from enum import IntEnum
+from enum import Enum, IntEnum
 
 
 class LinkStatus(IntEnum):
@@ -32,7 +32,7 @@ class Refusal(IntEnum):
         return _REFUSAL_SENTENCES[self]
 
 
-class Deferral(IntEnum):
+class Deferral(Enum):
     """Why a message is left unanswered; the same message may be welcome later."""
 
     TOO_FAST = 1
@@ -41,7 +41,7 @@ class Deferral(IntEnum):
     DISK_FULL = 4
 
 
-class Intrusion(IntEnum):
+class Intrusion(Enum):
     """Input that no robot of this mission sends; it is counted and not answered."""
 
     NO_ENVELOPE = 1

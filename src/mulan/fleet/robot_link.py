@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import zenoh
-from rosbags.typesys.stores import ros2_jazzy as ros
 
 from mulan.fleet import acknowledgement as answers
 from mulan.fleet.acknowledgement import Acknowledgement
 from mulan.fleet.clock_offset import ClockEstimator
+from mulan.fleet.clock_record import clock_record
 from mulan.fleet.content_checks import to_ns
 from mulan.fleet.envelope import PROTOCOL_VERSION, Envelope, EnvelopeError
 from mulan.fleet.lossy_link import LossConfig, LossyLink
@@ -26,7 +26,6 @@ from mulan.fleet.verdict import GOODBYE, GREETING
 from mulan.fleet.wire_topics import CLOCK, WIRE_TOPICS, Importance, type_hash
 from mulan.fleet.zenoh_session import LinkConfig, open_robot_session
 from mulan.mission import messages
-from mulan.mission.ros_stamps import to_stamp
 
 _GREET_EVERY_S = 1.0
 _REFUSED_EVERY_S = 2.0
@@ -288,13 +287,9 @@ class RobotLink:
         if estimate is None or now_s - self._clock_recorded_s < self.config.clock_every_s:
             return
         self._clock_recorded_s = now_s
-        here_ns = self._clock_ns()
-        there_ns = here_ns + estimate.offset_ns
-        if min(here_ns, there_ns) < 0:
-            return
-        header = ros.std_msgs__msg__Header(to_stamp(here_ns), self.config.name)
-        source = f"base station, within {estimate.bound_ns * 1e-9:.6f} s"
         try:
-            self.send(CLOCK.suffix, ros.sensor_msgs__msg__TimeReference(header, to_stamp(there_ns), source))
+            self.send(CLOCK.suffix, clock_record(self.config.name, estimate, self._clock_ns()))
+        except ValueError:
+            return
         except OSError:
             return  # the disk is full; whoever records sensor messages is told

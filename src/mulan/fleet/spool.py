@@ -107,7 +107,7 @@ class Spool:
             return self._state("position") or 0
 
     @property
-    def bytes(self) -> int:
+    def waiting_bytes(self) -> int:
         """Payloads that wait."""
         return self._bytes
 

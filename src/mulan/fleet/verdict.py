@@ -1,7 +1,7 @@
 """The outcome of judging one message."""
 
 from dataclasses import dataclass
-from enum import IntEnum
+from enum import Enum
 from typing import Any
 
 from mulan.fleet.envelope import Envelope
@@ -12,7 +12,7 @@ GREETING = "_link/greeting"  # keys of what opens a session, keeps it alive and 
 GOODBYE = "_link/goodbye"
 
 
-class Arrival(IntEnum):
+class Arrival(Enum):
     """A message that belongs here."""
 
     ACCEPTED = 1

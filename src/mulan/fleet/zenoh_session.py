@@ -64,7 +64,9 @@ def open_robot_session(link: LinkConfig, robot: str) -> zenoh.Session:
         InputError: The endpoint is not one, or the keys are not there.
     """
     options: dict[str, Any] = {
-        "mode": "client",
+        # not "client", which waits for the base station before it opens
+        "mode": "peer",
+        "listen/endpoints": [],
         "connect/endpoints": [link.endpoint],
         "connect/timeout_ms": -1,
         "connect/exit_on_failure": False,
