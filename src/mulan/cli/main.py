@@ -23,6 +23,7 @@ COMMANDS = {
     "train": "Learn the radiance field from a run or a posed image set.",
     "plan": "Propose the next views for every robot of a run.",
     "render": "Render views of a trained run.",
+    "fleet": "Robots and a base station over the network.",
     "evaluate": "Run the experiments behind the published numbers.",
     "report": "Write a run's report page.",
     "doctor": "Say what this machine has and what a missing part costs.",

@@ -23,8 +23,9 @@ from mulan.fleet.wire_topics import CLOCK
 from mulan.fleet.zenoh_session import LinkConfig, open_base_session
 from mulan.mission import messages
 
-_LARGEST_BATCH = 1024
-_ANSWER_EVERY_S = 0.02
+_LARGEST_BATCH = 128  # so that answers do not wait for long batches
+_ANSWER_EVERY_S = 0.2
+_TICK_S = 0.05
 _REFUSE_EVERY_S = 0.5
 
 
@@ -108,6 +109,11 @@ class BaseStation:
         self._thread = threading.Thread(target=self._work, name="base station", daemon=True)
         self._thread.start()
 
+    @property
+    def inbox_dropped(self) -> int:
+        """Messages left to be sent again because too many waited."""
+        return self._inbox.dropped
+
     def close(self) -> None:
         """Stop receiving, write what waits, finish the bag."""
         self._subscriber.undeclare()
@@ -130,11 +136,11 @@ class BaseStation:
     def _work(self) -> None:
         answered_s = 0.0
         while True:
-            batch = self._inbox.take(_LARGEST_BATCH, _ANSWER_EVERY_S)
+            batch = self._inbox.take(_LARGEST_BATCH, _TICK_S)
             if batch:
                 self._take_in(batch)
             now_s = time.monotonic()
-            if self._due and (now_s - answered_s >= _ANSWER_EVERY_S or not batch):
+            if self._due and (now_s - answered_s >= _ANSWER_EVERY_S or self._closing.is_set()):
                 self._answer()
                 answered_s = now_s
             if self._closing.is_set() and not batch:

@@ -230,7 +230,7 @@ class Ingest:
         if envelope.record_ns < 0 or not -slack_ns <= age_ns <= oldest_ns:
             return Refusal.MISTIMED
         try:
-            message = messages.typestore().deserialize_cdr(payload, topic.topic.msgtype)
+            message: Any = messages.typestore().deserialize_cdr(payload, topic.topic.msgtype)
         except Exception:  # generated code: damaged bytes surface as whatever a field's reader raises
             return Refusal.MALFORMED
         if topic.importance is not Importance.CALIBRATION:

@@ -52,7 +52,7 @@ class Intrusion(Enum):
 _LINK_SENTENCES = {
     LinkStatus.OPEN: "the link is open",
     LinkStatus.WRONG_VERSION: "the base station speaks another protocol version; install one mulan on both",
-    LinkStatus.UNKNOWN_ROBOT: "the base station does not know this robot; add its name to --robots there",
+    LinkStatus.UNKNOWN_ROBOT: "the base station does not know this robot; name it in --ingest.robots there",
     LinkStatus.NAME_TAKEN: "another robot sends under this name; give each robot its own",
 }
 

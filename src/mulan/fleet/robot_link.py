@@ -4,7 +4,7 @@ import secrets
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from mulan.fleet.lossy_link import LossConfig, LossyLink
 from mulan.fleet.names import RobotKey, acknowledgement_key, check_mission_name, check_robot_name
 from mulan.fleet.refusals import LinkStatus
 from mulan.fleet.send_window import SendWindow, WindowConfig
-from mulan.fleet.spool import Spool, Spooled
+from mulan.fleet.spool import Spool, Spooled, Unsent
 from mulan.fleet.verdict import GOODBYE, GREETING
 from mulan.fleet.wire_topics import CLOCK, WIRE_TOPICS, Importance, type_hash
 from mulan.fleet.zenoh_session import LinkConfig, open_robot_session
@@ -29,6 +29,7 @@ from mulan.mission import messages
 
 _GREET_EVERY_S = 1.0
 _REFUSED_EVERY_S = 2.0
+_STAMPS_KEPT = 2048
 
 
 @dataclass(frozen=True)
@@ -116,6 +117,7 @@ class RobotLink:
         self._clock_ns, self._tell, self._version = clock_ns, tell, version
         self._session_id = secrets.randbits(63)
         self._base: int | None = None
+        self._sent_s: dict[int, float] = {}
         self._clock_recorded_s = time.monotonic()
         self._greeted_s = -1e9
         self._changed = threading.Condition()
@@ -153,11 +155,15 @@ class RobotLink:
             record_ns = self._clock_ns()
         else:
             record_ns = to_ns(header.stamp)
-        self.send_encoded(suffix, record_ns, payload, position)
+        self.send_all([Unsent(entry.importance, suffix, record_ns, payload)], position)
 
-    def send_encoded(self, suffix: str, record_ns: int, payload: bytes, position: int = 0) -> None:
+    def send_encoded(self, suffix: str, record_ns: int, payload: bytes) -> None:
         """The same for CDR bytes; the time must be the one in the message's header."""
-        self.spool.add(WIRE_TOPICS[suffix].importance, suffix, record_ns, payload, position)
+        self.send_all([Unsent(WIRE_TOPICS[suffix].importance, suffix, record_ns, payload)])
+
+    def send_all(self, unsent: Sequence[Unsent], position: int = 0) -> None:
+        """The same for several messages, of which either all or none are kept."""
+        self.spool.add_all(unsent, position)
         with self._changed:
             self._changed.notify()
 
@@ -223,6 +229,10 @@ class RobotLink:
         config = self.config
         topic = WIRE_TOPICS.get(suffix)
         settled = min(self.spool.settled_below, max(sequence, 1))
+        sent_ns = self._clock_ns()
+        self._sent_s[sent_ns] = time.monotonic()
+        if len(self._sent_s) > _STAMPS_KEPT:
+            self._sent_s.pop(next(iter(self._sent_s)))
         envelope = Envelope(
             config.name,
             self.spool.incarnation,
@@ -231,7 +241,7 @@ class RobotLink:
             settled if sequence else 0,
             bytes(8) if topic is None else type_hash(topic.topic.msgtype),
             record_ns,
-            self._clock_ns(),
+            sent_ns,
             self._version,
         ).encode()
         key = str(RobotKey(config.mission, config.name, suffix))
@@ -272,7 +282,9 @@ class RobotLink:
             self._window.hurry()
         self.heard_s = now_s
         self.clock.add(answer.sent_ns, answer.received_ns, answer.answered_ns, returned_ns)
-        self._window.round_trip((returned_ns - answer.sent_ns) * 1e-9)
+        sent_s = self._sent_s.get(answer.sent_ns)
+        if sent_s is not None:
+            self._window.round_trip(now_s - sent_s)
         stored, refused = self.spool.settle(answer.through, answer.beyond, answer.refused)
         self.counts.stored += stored
         for sequence, why in refused:

@@ -1,5 +1,6 @@
 """Which waiting messages are under way to the base station, and when each is sent again."""
 
+import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -9,18 +10,21 @@ from mulan.fleet.spool import Spool, Spooled
 from mulan.fleet.token_bucket import TokenBucket
 from mulan.fleet.wire_topics import Importance
 
+_FEWEST = 64  # messages always allowed under way
+_PROMPT_S = 0.5  # an answer may wait this long for others at the base station
+
 
 @dataclass(frozen=True)
 class WindowConfig:
     """How much is under way at once, and when it is sent again."""
 
-    messages: int = 256
+    messages: int = 1024
     """Most messages under way."""
-    megabytes: float = 2.0
+    megabytes: float = 4.0
     """Most of their payload under way."""
     first_wait_s: float = 0.5
     """Time to wait for an answer before sending again, until round trips have been measured."""
-    longest_wait_s: float = 5.0
+    longest_wait_s: float = 20.0
     """This wait doubles at every attempt up to here."""
     kilobytes_per_s: float = 4000.0
     """What the link is believed to carry."""
@@ -44,6 +48,9 @@ class SendWindow:
         self._under_way: dict[int, _UnderWay] = {}
         self._bytes = 0
         self._taken_to = dict.fromkeys(Importance, 0)
+        self._allowed = float(_FEWEST)
+        self._adjusted_s = 0.0
+        self._shortest_s = float("inf")
         self._round_trip_s: float | None = None
         self._spread_s = 0.0
         self._rng = np.random.default_rng()
@@ -63,13 +70,24 @@ class SendWindow:
 
     def round_trip(self, measured_s: float) -> None:
         """Take note of how long an answer took."""
-        if measured_s < 0:
-            return  # the robot's clock was set back
         if self._round_trip_s is None:
             self._round_trip_s, self._spread_s = measured_s, measured_s / 2
             return
+        self._adjust(measured_s)
         self._spread_s += (abs(measured_s - self._round_trip_s) - self._spread_s) / 4
         self._round_trip_s += (measured_s - self._round_trip_s) / 8
+
+    def _adjust(self, measured_s: float) -> None:
+        """Widen the window while answers come promptly, narrow it when they queue up.
+
+        Loss says nothing on a radio link; only growing delay shows that the link or the base station is behind.
+        """
+        self._shortest_s = min(self._shortest_s * 1.001, measured_s)
+        if measured_s < _PROMPT_S + 3 * self._shortest_s:
+            self._allowed = min(self._allowed * 1.1 + 1, float(self.config.messages))
+        elif time.monotonic() - self._adjusted_s > measured_s:
+            self._allowed = max(self._allowed * 0.6, float(_FEWEST))
+            self._adjusted_s = time.monotonic()
 
     def due(self, now_s: float) -> list[tuple[Spooled, bool]]:
         """What to send now, and whether it was sent before."""
@@ -108,7 +126,7 @@ class SendWindow:
 
     def _start(self, importance: Importance, now_s: float, found: list[tuple[Spooled, bool]]) -> None:
         while True:
-            room = self.config.messages - len(self._under_way)
+            room = int(self._allowed) - len(self._under_way)
             if room <= 0 or self._bytes >= self.config.megabytes * 1e6:
                 return
             taken = self._spool.next_of(importance, self._taken_to[importance], min(room, 32))

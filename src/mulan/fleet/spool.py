@@ -24,6 +24,23 @@ CREATE TABLE IF NOT EXISTS state (name TEXT PRIMARY KEY, value INTEGER);
 
 
 @dataclass(frozen=True)
+class Unsent:
+    """A message to be kept.
+
+    Attributes:
+        importance: How urgently it is sent.
+        suffix: Of its topic.
+        record_ns: When it was recorded, on the robot's clock.
+        payload: CDR bytes.
+    """
+
+    importance: Importance
+    suffix: str
+    record_ns: int
+    payload: bytes
+
+
+@dataclass(frozen=True)
 class Spooled:
     """A message that waits.
 
@@ -80,7 +97,7 @@ class Spool:
             self._db.execute("PRAGMA synchronous=NORMAL")
             self._db.executescript(_SCHEMA)
             self.incarnation = self._state("incarnation") or self._draw()
-            self._bytes = int(self._one("SELECT COALESCE(SUM(LENGTH(payload)), 0) FROM waiting"))
+            self._bytes = self._one("SELECT SUM(LENGTH(payload)) FROM waiting") or 0
         except sqlite3.Error as error:
             os.close(self._guard)
             raise InputError(path, "spool", str(error), "free some space, or delete it if damaged") from error
@@ -107,13 +124,19 @@ class Spool:
             return self._state("position") or 0
 
     @property
+    def refused(self) -> int:
+        """Messages the base station refused since the file was made."""
+        with self._lock:
+            return self._state("refused") or 0
+
+    @property
     def waiting_bytes(self) -> int:
         """Payloads that wait."""
         return self._bytes
 
     def __len__(self) -> int:
         with self._lock:
-            return int(self._one("SELECT COUNT(*) FROM waiting"))
+            return self._one("SELECT COUNT(*) FROM waiting") or 0
 
     def add(
         self, importance: Importance, suffix: str, record_ns: int, payload: bytes, position: int = 0
@@ -130,15 +153,30 @@ class Spool:
         Raises:
             OSError: The disk is full.
         """
+        return self.add_all([Unsent(importance, suffix, record_ns, payload)], position)
+
+    def add_all(self, unsent: Sequence[Unsent], position: int = 0) -> int:
+        """Keep several messages, all or none; returns the number of the last.
+
+        Raises:
+            OSError: The disk is full.
+        """
         with self._lock:
-            sequence = (self._state("last") or 0) + 1
+            sequence, before = self._state("last") or 0, (self._bytes, self.dropped.copy(), self._floor)
             try:
                 self._db.execute("BEGIN IMMEDIATE")
-                self._make_room(len(payload))
-                self._db.execute(
-                    "INSERT INTO waiting VALUES (?, ?, ?, ?, ?)",
-                    (sequence, int(importance), suffix, record_ns, payload),
-                )
+                for message in unsent:
+                    sequence += 1
+                    self._make_room(len(message.payload))
+                    row = (
+                        sequence,
+                        int(message.importance),
+                        message.suffix,
+                        message.record_ns,
+                        message.payload,
+                    )
+                    self._db.execute("INSERT INTO waiting VALUES (?, ?, ?, ?, ?)", row)
+                    self._bytes += len(message.payload)
                 self._set("last", sequence)
                 if position:
                     self._set("position", position)
@@ -146,14 +184,19 @@ class Spool:
             except sqlite3.Error as error:
                 if self._db.in_transaction:
                     self._db.execute("ROLLBACK")
+                self._bytes, self.dropped, self._floor = before
                 raise OSError(str(error)) from error
-            self._bytes += len(payload)
             return sequence
 
-    def skip(self, position: int) -> None:
-        """Note that the source has moved on without a message."""
+    def note(self, name: str, value: int) -> None:
+        """Keep a number beside the messages, for whoever fills the spool."""
         with self._lock:
-            self._set("position", position)
+            self._set(f"note {name}", value)
+
+    def noted(self, name: str) -> int | None:
+        """A number kept by ``note``."""
+        with self._lock:
+            return self._state(f"note {name}")
 
     def next_of(self, importance: Importance, after: int, most: int) -> list[Spooled]:
         """The oldest messages of one importance after a number."""
@@ -176,6 +219,8 @@ class Spool:
                 if self._delete(sequence, sequence):
                     new.append((sequence, why))
             stored = sum(self._delete(first, last) for first, last in ((0, through), *beyond))
+            if new:
+                self._set("refused", self.refused + len(new))
             self._db.execute("COMMIT")
             if stored or new:
                 self._floor = self._find_floor()
@@ -213,7 +258,7 @@ class Spool:
 
     def _find_floor(self) -> int:
         oldest = self._one("SELECT MIN(sequence) FROM waiting")
-        return (self._state("last") or 0) + 1 if oldest is None else int(oldest)
+        return (self._state("last") or 0) + 1 if oldest is None else oldest
 
     def _draw(self) -> int:
         incarnation = secrets.randbits(63) | 1
