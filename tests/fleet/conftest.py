@@ -66,11 +66,15 @@ def envelope_of(message: Recorded, sequence: int, **changes: object) -> bytes:
     return Envelope(**(fields | changes)).encode()
 
 
-@pytest.fixture
-def free_endpoint() -> LinkConfig:
+def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
-        return LinkConfig(f"tcp/127.0.0.1:{probe.getsockname()[1]}")
+        return probe.getsockname()[1]
+
+
+@pytest.fixture
+def free_endpoint() -> LinkConfig:
+    return LinkConfig(f"tcp/127.0.0.1:{free_port()}")
 
 
 def of_importance(recorded: list[Recorded], importance: Importance) -> list[Recorded]:

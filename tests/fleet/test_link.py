@@ -43,7 +43,7 @@ def robot(
     name: str = "ant",
     loss: LossConfig | None = None,
     spool: str = "",
-    clock_every_s: float = 10.0,
+    clock_every_s: float = 1e9,
     offset_ns: int = 0,
     version: int = PROTOCOL_VERSION,
 ) -> Iterator[RobotLink]:

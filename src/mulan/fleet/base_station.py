@@ -147,7 +147,7 @@ class BaseStation:
                 return
 
     def _take_in(self, batch: list[Received]) -> None:
-        accepted: dict[tuple[str, int, int], Verdict] = {}
+        accepted: list[Verdict] = []
         for received in batch:
             verdict = self.ingest.judge(
                 received.key, received.attachment, received.payload, received.received_ns
@@ -162,13 +162,16 @@ class BaseStation:
             if isinstance(verdict.outcome, Refusal):
                 self._say(verdict.robot, verdict.outcome.name, verdict.outcome.sentence)
             if verdict.outcome is Arrival.ACCEPTED:
-                accepted.setdefault((verdict.robot, envelope.incarnation, envelope.sequence), verdict)
+                accepted.append(verdict)
             if not isinstance(verdict.outcome, Deferral):
                 self._due[verdict.robot] = verdict
                 self._due_received_ns[verdict.robot] = received.received_ns
-        if accepted and self._write(list(accepted.values())):
-            for verdict in accepted.values():
-                self.ingest.settle(verdict)
+        if not accepted:
+            return
+        written = self._write(accepted)
+        for verdict in accepted:
+            self.ingest.settle(verdict, written)
+            if written:
                 self._note_clock(verdict)
                 self._on_message(verdict)
 

@@ -58,6 +58,7 @@ class RobotState:
         holder: Incarnation and session the name belongs to.
         heard_s: When something last came from the holder.
         settled: Sequence numbers on disk or refused, by incarnation.
+        unwritten: Numbers accepted, by incarnation, that are not on disk yet.
         refused: Numbers refused that the robot may not know of yet, of the holder.
         counts: How often each outcome occurred.
         received_bytes: Payload, attachment and key of every copy that came, by importance.
@@ -70,6 +71,7 @@ class RobotState:
     holder: tuple[int, int] | None = None
     heard_s: float = 0.0
     settled: dict[int, SequenceSet] = field(default_factory=dict)
+    unwritten: set[tuple[int, int]] = field(default_factory=set)
     refused: deque[tuple[int, Refusal]] = field(default_factory=deque)
     counts: Counter[str] = field(default_factory=Counter)
     received_bytes: Counter[Importance] = field(default_factory=Counter)
@@ -148,12 +150,14 @@ class Ingest:
         state.received_bytes[importance] += len(key) + len(attachment or b"") + len(payload)
         return self._counted(state, verdict)
 
-    def settle(self, verdict: Verdict) -> None:
-        """An accepted message is on disk."""
+    def settle(self, verdict: Verdict, written: bool = True) -> None:
+        """An accepted message is on disk, or could not be written and is to come again."""
         assert verdict.envelope is not None
         assert verdict.robot is not None
-        settled = self.robots[verdict.robot].settled
-        settled.setdefault(verdict.envelope.incarnation, SequenceSet()).add(verdict.envelope.sequence)
+        state, envelope = self.robots[verdict.robot], verdict.envelope
+        state.unwritten.discard((envelope.incarnation, envelope.sequence))
+        if written:
+            state.settled.setdefault(envelope.incarnation, SequenceSet()).add(envelope.sequence)
 
     def _of_robot(
         self,
@@ -185,7 +189,7 @@ class Ingest:
         if suffix == GOODBYE:
             state.holder = None
             return verdict(Arrival.GOODBYE)
-        if envelope.sequence in settled:
+        if envelope.sequence in settled or (envelope.incarnation, envelope.sequence) in state.unwritten:
             return verdict(Arrival.DUPLICATE)
         if envelope.sequence > settled.through + self.config.furthest_ahead or (
             len(state.refused) >= _MOST_REFUSED
@@ -211,6 +215,7 @@ class Ingest:
             received_ns,
             payload,
         )
+        state.unwritten.add((envelope.incarnation, envelope.sequence))
         if topic.topic == messages.RANGE:
             state.range_bytes[message.peer] += len(payload)
         return Verdict(Arrival.ACCEPTED, robot, envelope, entry, message)

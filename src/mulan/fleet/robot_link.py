@@ -275,9 +275,10 @@ class RobotLink:
         if answer.status is not LinkStatus.OPEN:
             return
         if answer.base != self._base:
+            if self._base is not None:
+                self._window.hurry()  # a new process has nothing of what was on its way to the old one
             self._base = answer.base
             self.counts.bases += 1
-            self._window.hurry()  # a new process has nothing of what was on its way to the old one
         elif now_s - self.heard_s > 2 * _GREET_EVERY_S:
             self._window.hurry()
         self.heard_s = now_s

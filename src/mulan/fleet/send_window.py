@@ -80,7 +80,7 @@ class SendWindow:
     def _adjust(self, measured_s: float) -> None:
         """Widen the window while answers come promptly, narrow it when they queue up.
 
-        Loss says nothing on a radio link; only growing delay shows that the link or the base station is behind.
+        Loss says nothing on a radio link; growing delay shows that the link or the base station is behind.
         """
         self._shortest_s = min(self._shortest_s * 1.001, measured_s)
         if measured_s < _PROMPT_S + 3 * self._shortest_s:
