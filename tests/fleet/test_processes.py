@@ -13,7 +13,7 @@ import pytest
 from mulan.fleet.journal import Journal, sender_of
 from mulan.fleet.journal_scan import RecordedMessage
 from mulan.fleet.lossy_link import LossConfig
-from mulan.fleet.soak_processes import base_member, robot_member
+from mulan.fleet.soak_processes import base_member, robot_member, start_all
 from mulan.fleet.spool import Spool
 from mulan.mission.bag_reader import read_mission
 from mulan.mission.bag_writer import write_mission
@@ -44,7 +44,7 @@ def numbers_of(path: Path, robot: str) -> list[int]:
     return [message.sequence for message in found if sender_of(message)[0] == robot]
 
 
-def wait_for(done, seconds: float = 40.0) -> None:
+def wait_for(done, seconds: float = 90.0) -> None:
     until_s = time.monotonic() + seconds
     while not done():
         assert time.monotonic() < until_s, "it took too long"
@@ -60,13 +60,12 @@ def test_nothing_acknowledged_is_lost_when_base_and_robot_are_killed(tmp_path: P
     robots = [robot_member(tmp_path, name, bag, 0.14, endpoint, loss) for name in ROBOTS]
     members = [base, *robots]
     try:
-        for member in members:
-            member.start()
-        wait_for(lambda: received.exists() and received.stat().st_size > 6000)
+        start_all(members, 60)
+        wait_for(lambda: received.stat().st_size > 6000)
         base.kill()
         robots[1].kill()
         base.start()
-        wait_for(lambda: "Listening" in base.said())
+        wait_for(lambda: base.ready)
         # a disk that is full, as the kernel tells it: the file may not grow
         limit = (received.stat().st_size + 10, resource.RLIM_INFINITY)
         resource.prlimit(base.processes[-1].pid, resource.RLIMIT_FSIZE, limit)
@@ -74,7 +73,7 @@ def test_nothing_acknowledged_is_lost_when_base_and_robot_are_killed(tmp_path: P
         wait_for(lambda: "nothing more is acknowledged" in base.said())
         limit = (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
         resource.prlimit(base.processes[-1].pid, resource.RLIMIT_FSIZE, limit)
-        wait_for(lambda: not any(robot.running for robot in robots), 60)
+        wait_for(lambda: not any(robot.running for robot in robots))
         base.stop(20)
     finally:
         for member in members:
@@ -103,9 +102,7 @@ def test_a_second_robot_of_a_name_ends_with_a_sentence(tmp_path: Path, bag: Path
     second.arguments += ["--patience-s", "1"]
     members = [base, first]
     try:
-        for member in members:
-            member.start()
-        wait_for(lambda: "the link is open" in first.said())
+        start_all(members, 60)
         members.append(second)
         second.start()
         wait_for(lambda: not second.running)

@@ -15,7 +15,7 @@ from mulan.evaluation.provenance import provenance
 from mulan.fleet.journal import Journal, sender_of
 from mulan.fleet.journal_scan import RecordedMessage
 from mulan.fleet.lossy_link import LossConfig
-from mulan.fleet.soak_processes import Kill, Member, base_member, robot_member, watch
+from mulan.fleet.soak_processes import Kill, Member, base_member, robot_member, start_all, watch
 from mulan.fleet.spool import Spool
 from mulan.localization.accuracy import accuracy
 from mulan.localization.localize import LocalizationConfig, localize
@@ -95,8 +95,7 @@ def soak(config: SoakConfig, stage: Callable[[str], object] = lambda _: None) ->
     stage(f"{len(names)} robots for {config.minutes:g} min")
     members = [base, *robots]
     try:
-        for member in members:
-            member.start()
+        start_all(members, 300)
         took_s = watch(members, kills, 1.5 * test_s + 120)
     finally:
         for member in reversed(members):

@@ -22,6 +22,7 @@ class Member:
         name: For file names.
         arguments: Of ``mulan fleet``.
         folder: Where logs and figures go.
+        ready_sign: What a process prints when it is at work.
         processes: Started so far, the last one maybe running.
         killed_s: When it was killed, and when it was started again.
     """
@@ -29,6 +30,7 @@ class Member:
     name: str
     arguments: list[str]
     folder: Path
+    ready_sign: str
     processes: list[subprocess.Popen[bytes]] = field(default_factory=list)
     killed_s: list[tuple[float, float]] = field(default_factory=list)
 
@@ -45,6 +47,12 @@ class Member:
     def running(self) -> bool:
         """Whether its last process runs."""
         return bool(self.processes) and self.processes[-1].poll() is None
+
+    @property
+    def ready(self) -> bool:
+        """Whether its last process is at work: loading programs takes seconds on a small machine."""
+        log = self.folder / f"{self.name}-{len(self.processes) - 1}.log"
+        return self.running and self.ready_sign in log.read_text(errors="replace")
 
     @property
     def failed(self) -> bool:
@@ -84,7 +92,7 @@ class Member:
 def base_member(folder: Path, bag: Path, endpoint: str, robots: tuple[str, ...]) -> Member:
     """The base station."""
     arguments = ["base", "--out", str(bag), "--mission", "soak", "--link.endpoint", endpoint]
-    return Member("base", [*arguments, "--ingest.robots", *robots], folder)
+    return Member("base", [*arguments, "--ingest.robots", *robots], folder, "Listening")
 
 
 def robot_member(folder: Path, name: str, bag: Path, speed: float, endpoint: str, loss: LossConfig) -> Member:
@@ -93,7 +101,7 @@ def robot_member(folder: Path, name: str, bag: Path, speed: float, endpoint: str
     arguments += ["--bag", str(bag), "--speed", json.dumps(speed), "--link.endpoint", endpoint]
     for option in ("loss", "duplicate", "delay_s", "jitter_s", "seed"):
         arguments += [f"--loss.{option.replace('_', '-')}", json.dumps(getattr(loss, option))]
-    return Member(name, arguments, folder)
+    return Member(name, arguments, folder, "the link is open")
 
 
 @dataclass
@@ -102,7 +110,7 @@ class Kill:
 
     Attributes:
         member: Which.
-        at_s: When, from the start of the test.
+        at_s: When, from the start of the test; later if it is not at work then.
         back_s: When it is started again.
         state: 0 before, 1 while it is gone, 2 after.
     """
@@ -114,15 +122,28 @@ class Kill:
 
     def due(self, now_s: float) -> None:
         """Do what the time has come for."""
-        if self.state == 0 and now_s >= self.at_s:
-            self.state = 2
-            if self.member.running:
-                self.member.kill()
-                self.state = 1
+        if self.state == 0 and now_s >= self.at_s and self.member.ready:
+            self.member.kill()
+            self.state, self.back_s = 1, now_s + self.back_s - self.at_s
+            self.at_s = now_s
         elif self.state == 1 and now_s >= self.back_s:
             self.member.start()
             self.member.killed_s.append((self.at_s, now_s))
             self.state = 2
+
+
+def start_all(members: list[Member], timeout_s: float) -> None:
+    """Start everyone, the base station first, and wait until all are at work."""
+    until_s = time.monotonic() + timeout_s
+    members[0].start()
+    while not members[0].ready and members[0].running and time.monotonic() < until_s:
+        time.sleep(0.05)
+    for member in members[1:]:
+        member.start()
+    while (
+        not all(m.ready for m in members) and all(m.running for m in members) and (time.monotonic() < until_s)
+    ):
+        time.sleep(0.05)
 
 
 def watch(members: list[Member], kills: list[Kill], until_s: float) -> float:
