@@ -1,15 +1,15 @@
 """The commands as a person runs them: separate processes on loopback, some of them killed."""
 
-import os
 import resource
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from mulan.cli.fleet import PARTS
+from mulan.cli.main import run_command
+from mulan.errors import InputError
 from mulan.fleet.journal import Journal, sender_of
 from mulan.fleet.journal_scan import RecordedMessage
 from mulan.fleet.lossy_link import LossConfig
@@ -116,13 +116,15 @@ def test_a_second_robot_of_a_name_ends_with_a_sentence(tmp_path: Path, bag: Path
     assert (tmp_path / "base-0.log").read_text().count("ant: another robot sends under this name") == 1
 
 
-def test_commands_explain_themselves() -> None:
-    environment = os.environ | {"COLUMNS": "200"}
-    for arguments in ([], ["base", "--help"], ["robot", "--help"], ["soak", "--help"], ["keys", "--help"]):
-        command = [sys.executable, "-m", "mulan.cli.main", "fleet", *arguments]
-        run = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-        assert "mulan fleet" in run.stdout
-    command = [sys.executable, "-m", "mulan.cli.main", "fleet", "finish", "no.mcap"]
-    run = subprocess.run(command, env=environment, capture_output=True, text=True)
-    assert run.returncode == 2
-    assert "does not exist" in run.stderr
+def test_commands_explain_themselves(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_command(["fleet"]) == 0
+    assert "mulan fleet base" in capsys.readouterr().out
+    for part in PARTS:
+        with pytest.raises(SystemExit) as end:
+            run_command(["fleet", part, "--help"])
+        assert end.value.code == 0
+        assert f"mulan fleet {part}" in capsys.readouterr().out
+    with pytest.raises(InputError, match="does not exist"):
+        run_command(["fleet", "finish", "no.mcap"])
+    with pytest.raises(InputError, match="unknown"):
+        run_command(["fleet", "dance"])

@@ -49,7 +49,7 @@ class SendWindow:
         self._bytes = 0
         self._taken_to = dict.fromkeys(Importance, 0)
         self._allowed = float(_FEWEST)
-        self._adjusted_s = 0.0
+        self._adjusted_s = float("-inf")
         self._shortest_s = float("inf")
         self._round_trip_s: float | None = None
         self._spread_s = 0.0
@@ -60,6 +60,11 @@ class SendWindow:
 
     def __len__(self) -> int:
         return len(self._under_way)
+
+    @property
+    def allowed(self) -> int:
+        """Messages that may be under way now."""
+        return int(self._allowed)
 
     @property
     def wait_s(self) -> float:
@@ -126,7 +131,7 @@ class SendWindow:
 
     def _start(self, importance: Importance, now_s: float, found: list[tuple[Spooled, bool]]) -> None:
         while True:
-            room = int(self._allowed) - len(self._under_way)
+            room = self.allowed - len(self._under_way)
             if room <= 0 or self._bytes >= self.config.megabytes * 1e6:
                 return
             taken = self._spool.next_of(importance, self._taken_to[importance], min(room, 32))
