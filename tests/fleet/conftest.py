@@ -2,6 +2,7 @@
 
 import socket
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
@@ -52,8 +53,8 @@ def key_of(suffix: str, robot: str = "ant", mission: str = "m") -> str:
     return str(RobotKey(mission, robot, suffix))
 
 
-def envelope_of(message: Recorded, sequence: int, **changes: object) -> bytes:
-    fields: dict = {
+def envelope_of(message: Recorded, sequence: int, **changes: Any) -> bytes:
+    fields: dict[str, Any] = {
         "sender": "ant",
         "incarnation": INCARNATION,
         "session": SESSION,

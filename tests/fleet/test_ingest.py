@@ -4,6 +4,7 @@ import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,7 +31,7 @@ ODOMETRY, IMAGE = messages.ODOMETRY.suffix, messages.IMAGE.suffix
 UNLIMITED = IngestConfig(robots=("ant", "zebra"), messages_per_s=1e9, bytes_per_s=1e12)
 
 
-def judge(ingest: Ingest, message: Recorded, sequence: int, now_s: float = 0.0, **changes: object) -> Verdict:
+def judge(ingest: Ingest, message: Recorded, sequence: int, now_s: float = 0.0, **changes: Any) -> Verdict:
     attachment = envelope_of(message, sequence, **changes)
     verdict = ingest.judge(key_of(message.suffix), attachment, message.payload, EPOCH_NS, now_s)
     if verdict.outcome is Arrival.ACCEPTED:
@@ -78,14 +79,15 @@ def test_mounts_of_another_robot_are_refused(recorded: list[Recorded]) -> None:
 
 def test_wrong_versions_types_and_times_are_named(recorded: list[Recorded]) -> None:
     ingest, message = with_messages(recorded), first_of(recorded, ODOMETRY)
-    for changes, expected in (
+    cases: tuple[tuple[dict[str, Any], object], ...] = (
         ({"version": 2}, LinkStatus.WRONG_VERSION),
         ({"type_hash": bytes(8)}, Refusal.WRONG_TYPE),
         ({"record_ns": message.record_ns + 1}, Refusal.MISTIMED),
         ({"record_ns": -1}, Refusal.MISTIMED),
         ({"sent_ns": message.record_ns - 2 * 10**9}, Refusal.MISTIMED),
         ({"sent_ns": message.record_ns + 90_000 * 10**9}, Refusal.MISTIMED),
-    ):
+    )
+    for changes, expected in cases:
         sequence = ingest.robots["ant"].settled[77].through + 1
         assert judge(ingest, message, sequence, **changes).outcome is expected
 

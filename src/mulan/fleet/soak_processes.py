@@ -56,8 +56,8 @@ class Member:
 
     @property
     def failed(self) -> bool:
-        """Whether its last process ended with an error."""
-        return bool(self.processes) and self.processes[-1].poll() not in (None, 0)
+        """Whether its last process ended with an error of its own; being killed is none."""
+        return bool(self.processes) and (self.processes[-1].poll() or 0) > 0
 
     def kill(self) -> None:
         """As a power cut would, for the process."""
