@@ -91,12 +91,14 @@ def soak(config: SoakConfig, stage: Callable[[str], object] = lambda _: None) ->
     away_s = min(config.robot_away_s, test_s / 6)
     kills = [Kill(robots[1], 0.15 * test_s, 0.15 * test_s + away_s)]
     for at in np.linspace(0.4, 0.75, config.base_kills):
-        kills.append(Kill(base, float(at) * test_s, float(at) * test_s + min(10.0, test_s / 30)))
+        kills.append(
+            Kill(base, float(at) * test_s, float(at) * test_s + min(10.0, test_s / 30), 0.1 * test_s)
+        )
     stage(f"{len(names)} robots for {config.minutes:g} min")
     members = [base, *robots]
     try:
         start_all(members, 300)
-        took_s = watch(members, kills, 1.5 * test_s + 120)
+        took_s = watch(members, kills, 3 * test_s + 300)
     finally:
         for member in reversed(members):
             member.stop(20)

@@ -112,17 +112,24 @@ class Kill:
         member: Which.
         at_s: When, from the start of the test; later if it is not at work then.
         back_s: When it is started again.
+        settled_s: It must have been at work this long since it was last started.
         state: 0 before, 1 while it is gone, 2 after.
     """
 
     member: Member
     at_s: float
     back_s: float
+    settled_s: float = 0.0
     state: int = 0
+    ready_s: float | None = None
 
     def due(self, now_s: float) -> None:
         """Do what the time has come for."""
-        if self.state == 0 and now_s >= self.at_s and self.member.ready:
+        if self.state == 0 and now_s >= self.at_s:
+            # a program that is still loading has nothing to lose yet
+            self.ready_s = (self.ready_s or now_s) if self.member.ready else None
+            if self.ready_s is None or now_s - self.ready_s < self.settled_s:
+                return
             self.member.kill()
             self.state, self.back_s = 1, now_s + self.back_s - self.at_s
             self.at_s = now_s
