@@ -24,6 +24,7 @@ COMMANDS = {
     "plan": "Propose the next views for every robot of a run.",
     "render": "Render views of a trained run.",
     "view": "Walk through a trained run in the browser.",
+    "fleet": "Robots and a base station over the network.",
     "evaluate": "Run the experiments behind the published numbers.",
     "report": "Write a run's report page.",
     "doctor": "Say what this machine has and what a missing part costs.",

@@ -1,0 +1,1 @@
+"""The loop, live: robots and a base station over the network."""
