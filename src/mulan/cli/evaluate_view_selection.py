@@ -124,8 +124,9 @@ def print_comparison(metrics: dict[str, Any]) -> None:
             if "ause" in (at := policy["views"][count]):
                 ause, rank = at["ause"], at["spearman"]
                 console.print(
-                    f"[dim]{TITLES[name]}, {count} views, object pixels: ensemble AUSE {ause['ensemble']:.2f}"
-                    f", Spearman {rank['ensemble']:.2f}; learned {ause['learned']:.2f}, {rank['learned']:.2f};"
+                    f"[dim]{TITLES[name]}, {count} views, object pixels, AUSE and Spearman:"
+                    f" ensemble {ause['ensemble']:.2f}, {rank['ensemble']:.2f};"
+                    f" learned {ause['learned']:.2f}, {rank['learned']:.2f};"
                     f" by lot AUSE {ause['chance']:.2f}[/]"
                 )
 
