@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from mulan.evaluation.view_selection.pools import Pool
+from mulan.planning.team_run import SMALL_FIELD
 from mulan.radiance.backend import Device
 from mulan.radiance.config import FieldConfig
 from mulan.radiance.engine import RadianceEngine
@@ -24,9 +25,7 @@ class FieldsConfig:
     """Optimiser steps of the fields that are judged."""
     planning_steps: int = 400
     """Optimiser steps of the fields that plan."""
-    planning_field: FieldConfig = field(
-        default_factory=lambda: FieldConfig(log2_table_size=14, finest_resolution=64, harmonics_degree=1)
-    )
+    planning_field: FieldConfig = SMALL_FIELD
     """Sizes of the fields that plan."""
     weighting: Weighting = field(default_factory=UncertaintyWeights)
     """How far photographs of uncertain pose are trusted."""
