@@ -8,6 +8,7 @@ from mulan.planning.score import LiteralPosterior, PropagatedPosterior
 from mulan.planning.scores.among_certain import AmongCertain
 from mulan.planning.scores.angular_novelty import AngularNovelty
 from mulan.planning.scores.coverage import Coverage
+from mulan.planning.scores.direction_coverage import DirectionCoverage
 from mulan.planning.scores.ensemble import EnsembleVariance
 from mulan.planning.scores.farthest_point import FarthestPoint
 from mulan.planning.scores.fisher import FisherInformation
@@ -58,6 +59,7 @@ POLICIES = (
     ),
     Policy("coverage", "coverage", lambda *_: Coverage(), pools=_EXACT),
     Policy("angular", "angular novelty of what is seen", lambda *_: AngularNovelty(), pools=_EXACT),
+    Policy("direction", "directions of all that could be seen", lambda *_: DirectionCoverage(), pools=_EXACT),
     Policy("ensemble", "variance of an ensemble", lambda *_: EnsembleVariance(), pools=_EXACT),
     Policy("fisher", "Fisher information", lambda *_: FisherInformation(), pools=_EXACT),
     Policy(
