@@ -1,7 +1,9 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from mulan.planning.cell_worth import cell_worth
+from mulan.planning.cell_worth import CellWorth
 from mulan.planning.free_space import FreeSpaceConfig
 from mulan.planning.plan import RobotView
 from mulan.planning.scores.angular_novelty import AngularNovelty
@@ -23,11 +25,13 @@ def robot(name, azimuth_deg, distance_m=1.6):
 def test_the_mean_candidate_is_worth_one_and_worth_lies_where_it_is_seen():
     candidates = [view(a) for a in (20, 100, 180)]
     knowledge = knowing(view(0), fields=MEMBERS)
-    worth = cell_worth((AngularNovelty(), Coverage()), knowledge, candidates)
+    judge = CellWorth((AngularNovelty(), Coverage()), knowledge)
+    worth = judge.of(candidates)
     assert worth.sum(1).mean() == pytest.approx(1, rel=1e-5)
     assert (np.diff(worth.sum(1)) > 0).all()
     for candidate, of_cell in zip(candidates, worth, strict=True):
         assert set(np.flatnonzero(of_cell)) <= set(knowledge.look(candidate).cell.tolist())
+    np.testing.assert_allclose(judge.of(candidates[:1])[0], worth[0])  # the units stay
 
 
 def test_two_robots_side_by_side_go_apart():
@@ -73,3 +77,20 @@ def test_costly_travel_keeps_robots_near():
         for p in (far, near)
     ]
     assert moved[1] < moved[0]
+
+
+def test_a_closer_look_never_loses_worth():
+    plain, refined = (
+        plan_team(
+            knowing(view(0), fields=MEMBERS),
+            BallEngine(),
+            [robot("a", 0)],
+            np.zeros(3),
+            replace(
+                TeamPlanConfig(free_space=FreeSpaceConfig(places=10), team=TeamConfig(0.0)), refinements=n
+            ),
+        ).robots[0]
+        for n in (0, 3)
+    )
+    assert len(refined.score) > len(plain.score)
+    assert refined.score[refined.best] >= plain.score[plain.best] - 1e-6

@@ -14,6 +14,7 @@ from mulan.planning.free_space import FreeSpaceConfig
 from mulan.planning.knowledge import LookConfig
 from mulan.planning.plan import PlanConfig
 from mulan.planning.pose_growth import DriftConfig
+from mulan.planning.radio_fix import RadioFixConfig
 from mulan.planning.run_files import plan_run
 from mulan.planning.score import LiteralPosterior, PropagatedPosterior
 from mulan.planning.team import TeamConfig
@@ -40,6 +41,8 @@ class Options:
     """What odometry loses on the way."""
     free_space: FreeSpaceConfig = field(default_factory=FreeSpaceConfig)
     """With --rule team, places beyond the ring."""
+    radio: RadioFixConfig = field(default_factory=RadioFixConfig)
+    """With --rule team, what the radio will tell there about the pose."""
     team: TeamConfig = field(default_factory=TeamConfig)
     """With --rule team, price of travel and radio range."""
     ensemble: EnsembleConfig = field(default_factory=EnsembleConfig)
@@ -48,7 +51,7 @@ class Options:
     def config(self) -> TeamRunConfig | PlanConfig:
         """The planner's options."""
         if self.rule == "team":
-            plan = TeamPlanConfig(self.candidates, self.free_space, self.drift, self.team)
+            plan = TeamPlanConfig(self.candidates, self.free_space, self.drift, self.radio, self.team)
             looks = LookConfig(columns=self.columns, chosen_columns=2 * self.columns)
             return TeamRunConfig(plan, self.ensemble, looks)
         posterior = LiteralPosterior() if self.rule == "literal" else PropagatedPosterior()

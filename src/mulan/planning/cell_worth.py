@@ -22,19 +22,30 @@ def default_ray_scores(fields: int) -> tuple[RayScore, ...]:
     return (AngularNovelty(), EnsembleVariance(fields))
 
 
-def cell_worth(
-    scores: Sequence[RayScore], knowledge: Knowledge, candidates: Sequence[View]
-) -> Float[NDArray, "n cells"]:
-    """Worth of each candidate by cell; over all cells, the mean candidate is worth 1.
+class CellWorth:
+    """Worth of views by cell, in units of the mean of the candidates first judged.
 
     Each score's information, times the trust the pose allows, is shared by the cells a ray sees; the scores
     then count alike, whatever their units.
     """
-    total = np.zeros((len(candidates), knowledge.grid.cells), dtype=np.float32)
-    for score in scores:
-        worth = torch.stack([_by_cell(score, knowledge, view) for view in candidates]).numpy()
-        total += worth / max(float(worth.sum(1).mean()), 1e-12)
-    return total / len(scores)
+
+    def __init__(self, scores: Sequence[RayScore], knowledge: Knowledge) -> None:
+        self._scores, self._knowledge = tuple(scores), knowledge
+        self._units: tuple[float, ...] | None = None
+
+    def of(self, candidates: Sequence[View]) -> Float[NDArray, "n cells"]:
+        """Worth of each candidate in each cell; the first call sets the units."""
+        shape = len(candidates), self._knowledge.grid.cells
+        parts = [
+            np.array([_by_cell(score, self._knowledge, view).numpy() for view in candidates]).reshape(shape)
+            for score in self._scores
+        ]
+        if self._units is None and candidates:
+            self._units = tuple(max(float(part.sum(1).mean()), 1e-12) for part in parts)
+        total = np.zeros(shape, np.float32)
+        for part, unit in zip(parts, self._units or (), strict=bool(self._units)):
+            total += part / unit
+        return total / len(parts)
 
 
 def _by_cell(score: RayScore, knowledge: Knowledge, candidate: View) -> Float[Tensor, "cells"]:
