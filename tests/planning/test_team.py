@@ -77,7 +77,7 @@ def test_two_robots_do_not_do_the_same_work():
     robots = [RobotChoices(name, np.zeros(3), np.zeros((2, 3)), np.zeros(2), worth) for name in "ab"]
     assert choose_alone(robots, FREE) == (0, 0)
     choice = choose_together(robots, FREE)
-    assert sorted(choice.picks) == [0, 1]
+    assert set(choice.picks) == {0, 1}
     assert choice.gain == pytest.approx(3.5)
 
 

@@ -85,7 +85,8 @@ def _free(
     matter = density.reshape(nx, ny, nz) > config.max_density_per_m
     reach = np.arange(-margin, margin + 1) * spacing
     ball = np.stack(np.meshgrid(reach, reach, reach, indexing="ij"), -1)
-    near = binary_dilation(matter, np.linalg.norm(ball, axis=-1) <= config.clearance_m + 1e-9)
+    keep_off = np.linalg.norm(ball, axis=-1) <= config.clearance_m + 1e-9
+    near = np.asarray(binary_dilation(matter, keep_off), dtype=bool)
     inner = slice(margin, -margin, _FINER) if margin else slice(None, None, _FINER)
     return ~near[inner, inner, inner]
 

@@ -13,7 +13,7 @@ from mulan.planning.free_space import FreeSpaceConfig, reachable_places
 from mulan.planning.knowledge import Knowledge
 from mulan.planning.plan import RobotPlan, RobotView, ViewPlan
 from mulan.planning.pose_growth import DriftConfig, covariance_after_move
-from mulan.planning.radio_fix import RadioFixConfig, Teammate
+from mulan.planning.radio_fix import RadioFixConfig, Teammate, covariance_after_radio
 from mulan.planning.team import RobotChoices, TeamConfig, choose_together
 from mulan.planning.view import View
 from mulan.radiance.engine import RadianceEngine

@@ -31,6 +31,8 @@ def test_a_window_shows_what_the_photograph_shows_there(tmp_path):
         corners.add((left, top))
         part = slice(top, top + 12), slice(left, left + 12)
         np.testing.assert_array_equal(window.colour, image.colour[part])
+        assert image.alpha is not None
+        assert window.alpha is not None
         np.testing.assert_array_equal(window.alpha, image.alpha[part])
         np.testing.assert_allclose(
             window.camera.pixel_directions(), image.camera.pixel_directions()[part], atol=1e-12
@@ -41,13 +43,13 @@ def test_a_window_shows_what_the_photograph_shows_there(tmp_path):
 def test_believed_poses_are_off_by_as_much_as_they_admit(tmp_path):
     image = load_captured(cube_images(tmp_path, train=1, test=1).train, 24)[0]
     rng = np.random.default_rng(0)
-    errors = []
-    for _ in range(400):
-        believed = displaced(image, 0.15, rng)
-        errors.append(se3.log(se3.inverse(believed.T_world_camera) @ image.T_world_camera))
+    drawn = [displaced(image, 0.15, rng) for _ in range(400)]
+    errors = [se3.log(se3.inverse(believed.T_world_camera) @ image.T_world_camera) for believed in drawn]
     assert np.std(np.array(errors)[:, 3:]) == pytest.approx(0.15, rel=0.06)
     np.testing.assert_allclose(np.array(errors)[:, :3], 0, atol=1e-9)
-    np.testing.assert_allclose(believed.posed.pose_covariance, np.diag([0] * 3 + [0.15**2] * 3))
+    covariance = drawn[0].posed.pose_covariance
+    assert covariance is not None
+    np.testing.assert_allclose(covariance, np.diag([0] * 3 + [0.15**2] * 3))
 
 
 def test_half_of_a_noisy_pool_is_exact_and_all_of_a_graded_one_is_not(tmp_path):

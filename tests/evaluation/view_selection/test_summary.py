@@ -20,6 +20,7 @@ def test_the_interval_is_students():
     seeds = {s: {"ours": figures(20 + d), "random": figures(20.0)} for s, d in enumerate(differences)}
     interval = ttest_1samp(differences, 0).confidence_interval(0.95)
     gain = paired_difference(seeds, "ours", "random", "5")
+    assert gain is not None
     assert (gain["low"], gain["high"]) == pytest.approx((interval.low, interval.high))
 
 

@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
-from scipy.stats import spearmanr
+from scipy.stats import rankdata
 
 from mulan.evaluation.image_metrics.variance_calibration import ause, object_pixels
 from mulan.radiance.engine import RadianceEngine, Rendering
 from mulan.radiance.ensemble import FieldEnsemble
 from mulan.reconstruction.captured_image import CapturedImage
 from mulan.reconstruction.dataset import ImageTensors
-from mulan.reconstruction.sub_pixels import Renders
 
 
 def judge(fields: Sequence[RadianceEngine], test: Sequence[CapturedImage]) -> dict[str, Any]:
@@ -62,19 +61,11 @@ def judge(fields: Sequence[RadianceEngine], test: Sequence[CapturedImage]) -> di
     return result
 
 
-def mean_psnr_db(field: Renders, images: Sequence[CapturedImage]) -> float:
-    """Mean over the views."""
-    rays = [ImageTensors([image]).image_rays(0) for image in images]
-    return statistics.fmean(
-        _psnr_db(field.render(one.origins, one.directions), one.colours.numpy()) for one in rays
-    )
-
-
 def rank_correlation(a: Float[NDArray, "n"], b: Float[NDArray, "n"]) -> float:
     """Spearman's, 0 where one of them is constant."""
     if len(a) < 2 or np.ptp(a) == 0 or np.ptp(b) == 0:
         return 0.0
-    return float(spearmanr(a, b)[0])
+    return float(np.corrcoef(rankdata(a), rankdata(b))[0, 1])
 
 
 def _psnr_db(rendering: Rendering, true: Float[NDArray, "r 3"]) -> float:
