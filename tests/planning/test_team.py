@@ -51,25 +51,25 @@ def exhaustive(robots, config):
 def test_the_joint_choice_is_close_to_the_best_of_all_and_below_its_bound(config):
     rng = np.random.default_rng(0)
     ratios = []
-    for _ in range(25):
-        robots = team(rng)
+    for _ in range(10):
+        robots = team(rng, candidates=5)
         choice, best = choose_together(robots, config), exhaustive(robots, config)
         assert choice.gain == pytest.approx(gain(robots, choice.picks, config))
         assert choice.gain <= best + 1e-9 <= choice.bound + 2e-9
         ratios.append(choice.gain / best if best > 0 else 1.0)
-    assert min(ratios) > 0.85
-    assert np.mean(ratios) > 0.98
+    assert min(ratios) > 0.95
+    assert np.mean(ratios) > 0.99
 
 
 def test_the_joint_choice_gains_at_least_what_robots_on_their_own_do():
     rng = np.random.default_rng(1)
     won = 0
-    for _ in range(100):
+    for _ in range(30):
         robots = team(rng, candidates=8)
         together, alone = choose_together(robots, FREE).gain, gain(robots, choose_alone(robots, FREE), FREE)
         assert together >= alone - 1e-9
         won += together > alone + 1e-9
-    assert won > 50
+    assert won > 15
 
 
 def test_two_robots_do_not_do_the_same_work():

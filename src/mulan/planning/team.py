@@ -3,11 +3,14 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations, product
 
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
+
+PROMISING = 6  # candidates of a robot that are tried together with those of another
 
 
 @dataclass(frozen=True)
@@ -60,8 +63,9 @@ def choose_together(robots: Sequence[RobotChoices], config: TeamConfig) -> TeamC
     """One candidate a robot, or none, chosen jointly.
 
     A cell seen by several robots counts once, by the best of them (facility location, which is submodular).
-    Greedy over robots and candidates, then robot by robot as long as the team gains; also begun from what
-    each robot would do by itself, so that it is never worse than that where that keeps the team in touch.
+    Greedy over robots and candidates, then one or two robots at a time as long as the team gains; also begun
+    from what each robot would do by itself, so that it is never worse than that where that keeps the team in
+    touch.
     """
     begun = [_greedy(robots, config)]
     alone = choose_alone(robots, config)
@@ -130,7 +134,7 @@ def _greedy(robots: Sequence[RobotChoices], config: TeamConfig) -> list[int | No
 def _improved(
     robots: Sequence[RobotChoices], picks: Sequence[int | None], config: TeamConfig
 ) -> list[int | None]:
-    """Each robot in turn takes what is best given the others, until nobody changes."""
+    """Each robot in turn takes what is best given the others, then two at once, until nobody changes."""
     picks, now = list(picks), gain(robots, picks, config)
     changed = True
     while changed:
@@ -144,7 +148,32 @@ def _improved(
                 continue
             if (value := gain(robots, tried, config)) > now + 1e-9:
                 picks, now, changed = tried, value, True
+        if not changed:
+            tried = _two_at_once(robots, picks, config)
+            if (value := gain(robots, tried, config)) > now + 1e-9:
+                picks, now, changed = tried, value, True
     return picks
+
+
+def _two_at_once(
+    robots: Sequence[RobotChoices], picks: list[int | None], config: TeamConfig
+) -> list[int | None]:
+    """The best exchange of two robots' picks for promising ones, which may only together stay in touch."""
+    best, most = picks, gain(robots, picks, config)
+    for i, k in combinations(range(len(robots)), 2):
+        others = [None if j in (i, k) else pick for j, pick in enumerate(picks)]
+        seen = _seen(robots, others)
+        promising = []
+        for j in (i, k):
+            net = _net(robots[j], seen, config)
+            order = np.argsort(-net)[:PROMISING]
+            promising.append([None, *(int(p) for p in order if np.isfinite(net[p]))])
+        for of_i, of_k in product(*promising):
+            tried = list(others)
+            tried[i], tried[k] = of_i, of_k
+            if (value := gain(robots, tried, config)) > most and _in_touch(robots, tried, config):
+                best, most = tried, value
+    return best
 
 
 def _allowed(

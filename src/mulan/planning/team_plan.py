@@ -103,7 +103,7 @@ class _Found:
     T_world_candidate: Float[NDArray, "n 4 4"]
     travel_m: Float[NDArray, "n"]
     covariance: Float[NDArray, "n 6 6"]
-    worth: Float[NDArray, "n cells"]
+    worth: Float[NDArray, "judged cells"]
 
     @staticmethod
     def first(

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import torch
 
 from mulan.radiance.engine import RadianceEngine
+from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.radiance.space import SceneSpace
 from mulan.reconstruction.captured_image import CapturedImage
 from mulan.reconstruction.dataset import ImageTensors
@@ -18,7 +19,11 @@ FIRST_RAYS = 512
 
 
 def learn_in_memory(
-    images: Sequence[CapturedImage], weighting: Weighting, space: SceneSpace, config: TrainConfig
+    images: Sequence[CapturedImage],
+    weighting: Weighting,
+    space: SceneSpace,
+    config: TrainConfig,
+    optimiser: OptimiserConfig | None = None,
 ) -> RadianceEngine:
     """Learn a field as :func:`mulan.reconstruction.trainer.train` does, without files, curve or checkpoints.
 
@@ -29,6 +34,7 @@ def learn_in_memory(
         weighting: How far each pixel is trusted.
         space: Where the scene is.
         config: Options; ``steps`` must be given.
+        optimiser: How the field learns; chosen by the kind of scene if not given.
 
     Raises:
         ValueError: No number of steps is given, or every pixel has weight 0.
@@ -41,7 +47,7 @@ def learn_in_memory(
     on_gpu = device.type == "cuda"
     field = config.field or choose_field(config.image_size, len(kept), space.unbounded, on_gpu)
     march = config.march or choose_march(config.image_size, space.unbounded, config.quick, on_gpu)
-    optimiser = choose_optimiser(space.unbounded, config.quick and not on_gpu)
+    optimiser = optimiser or choose_optimiser(space.unbounded, config.quick and not on_gpu)
     description = FieldDescription(field, march, space, white_background=not space.unbounded)
     engine = description.new_engine(config.seed, optimiser, device)
     data = ImageTensors(images, weighting.weight_maps(images, space))
