@@ -8,6 +8,7 @@ from mulan.planning.team_run import SMALL_FIELD
 from mulan.radiance.backend import Device
 from mulan.radiance.config import FieldConfig
 from mulan.radiance.engine import RadianceEngine
+from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.reconstruction.learn_in_memory import learn_in_memory
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.weights import UncertaintyWeights, Weighting
@@ -23,8 +24,10 @@ class FieldsConfig:
     """Longest image side in pixels."""
     steps: int = 2500
     """Optimiser steps of the fields that are judged."""
-    planning_steps: int = 400
+    planning_steps: int = 300
     """Optimiser steps of the fields that plan."""
+    planning_samples: int = 4096
+    """Field evaluations a step of the fields that plan."""
     planning_field: FieldConfig = SMALL_FIELD
     """Sizes of the fields that plan."""
     weighting: Weighting = field(default_factory=UncertaintyWeights)
@@ -40,6 +43,7 @@ def planning_fields(
     training = TrainConfig(
         image_size=config.image_size,
         steps=config.planning_steps,
+        batch_samples=config.planning_samples,
         device=Device.CPU,
         field=config.planning_field,
     )
@@ -67,11 +71,18 @@ def _learn(
     training: TrainConfig,
     weighting: Weighting,
 ) -> list[RadianceEngine]:
+    # few views before one background leave walls of its colour in the air, here and there by chance
+    cut_out = all(photograph.alpha is not None for photograph in pool.photographs)
+    optimiser = OptimiserConfig(table_learning_rate=3e-2, random_background=True) if cut_out else None
     # sorted, so that a field depends on the set and not on the order it was chosen in
     photographs = [pool.photographs[i] for i in sorted(chosen)]
     return [
         learn_in_memory(
-            photographs, weighting, pool.space, replace(training, seed=_MEMBER_SEEDS * member + seed)
+            photographs,
+            weighting,
+            pool.space,
+            replace(training, seed=_MEMBER_SEEDS * member + seed),
+            optimiser,
         )
         for member in range(members)
     ]
