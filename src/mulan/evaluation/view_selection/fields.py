@@ -1,5 +1,6 @@
 """The fields an evaluation learns: small ones to plan with, larger ones to be judged."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -30,8 +31,9 @@ class FieldsConfig:
     """Field evaluations a step of the fields that plan."""
     planning_field: FieldConfig = SMALL_FIELD
     """Sizes of the fields that plan."""
-    weighting: Weighting = field(default_factory=UncertaintyWeights)
-    """How far photographs of uncertain pose are trusted."""
+    weighting: Weighting = field(default_factory=lambda: UncertaintyWeights(most_sigma_px=math.inf))
+    """How far photographs of uncertain pose are trusted. None is left out altogether: where no pose is exact
+    (the graded pool), leaving out all above a pixel cost 3 dB."""
     judged_field: FieldConfig | None = None
     """Sizes of the fields that are judged; chosen from the number of views if not given."""
 
