@@ -36,7 +36,7 @@ def test_the_mean_candidate_is_worth_one_and_worth_lies_where_it_is_seen():
 
 def test_two_robots_side_by_side_go_apart():
     chosen = [View(CAMERA, r.T_world_camera, EXACT) for r in (robot("a", 0), robot("b", 4))]
-    config = TeamPlanConfig(free_space=FreeSpaceConfig(places=40), team=TeamConfig(0.0))
+    config = TeamPlanConfig(free_space=FreeSpaceConfig(places=16), team=TeamConfig(0.0))
     knowledge = knowing(*chosen, fields=MEMBERS)
     plan = plan_team(knowledge, BallEngine(), [robot("a", 0), robot("b", 4)], np.zeros(3), config)
     a, b = (p.T_world_candidate[p.best][:3, 3] for p in plan.robots)
@@ -66,7 +66,7 @@ def test_costly_travel_keeps_robots_near():
             BallEngine(),
             [robot("a", 0)],
             np.zeros(3),
-            TeamPlanConfig(free_space=FreeSpaceConfig(places=40), team=TeamConfig(cost)),
+            TeamPlanConfig(free_space=FreeSpaceConfig(places=16), team=TeamConfig(cost)),
         ).robots[0]
         for cost in (0.0, 1.0)
     )

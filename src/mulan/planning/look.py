@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from mulan.planning.cells import CellGrid
-from mulan.planning.rays import camera_rays
+from mulan.planning.rays import camera_rays, rows_for
 from mulan.planning.score import CandidateView, pose_colour_variance
 from mulan.planning.view import View
 from mulan.radiance.engine import RadianceEngine
@@ -62,8 +62,16 @@ def look(engine: RadianceEngine, grid: CellGrid, view: View, columns: int, colou
     pairs, number = torch.unique(pair, return_inverse=True)
     blend = torch.zeros(len(pairs)).index_add(0, number, samples.blend)
     pairs = pairs[blend >= LEAST_BLEND]
-    v = pose_colour_variance(
-        engine, CandidateView(view.camera, view.T_world_camera, view.covariance, columns)
-    )
+    v = _colour_variance(engine, view, columns)
     certainty = colour_variance / (colour_variance + v)
     return Look(origins, directions, certainty, pairs // grid.cells, pairs % grid.cells)
+
+
+def _colour_variance(engine: RadianceEngine, view: View, columns: int) -> Float[Tensor, "r"]:
+    """Under the pose's covariance, from half as many rays each way, which is a quarter of the work."""
+    coarse = max(columns // 2, 1)
+    v = pose_colour_variance(engine, CandidateView(view.camera, view.T_world_camera, view.covariance, coarse))
+    rows, coarse_rows = rows_for(view.camera, columns), rows_for(view.camera, coarse)
+    row = torch.arange(rows) * coarse_rows // rows
+    column = torch.arange(columns) * coarse // columns
+    return v.view(coarse_rows, coarse)[row][:, column].reshape(-1)
