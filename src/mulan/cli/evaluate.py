@@ -16,6 +16,7 @@ from mulan.cli import (
     evaluate_localization,
     evaluate_table1,
     evaluate_uwb,
+    evaluate_view_selection,
 )
 from mulan.cli.progress import console, progress_stages
 from mulan.cli.simulate import describe
@@ -42,6 +43,7 @@ EXPERIMENTS = {
     "table1": "The paper's first table: two robots, noisy poses, its setups beside ours.",
     "two-robot": "True poses, wireless poses, wireless poses with weights, on one mission.",
     "uwb": "Likelihood and coverage of calibrated UWB ranges on held-out recordings.",
+    "view-selection": "Rules for choosing views on a set of photographs, from the same first views.",
 }
 
 _OF_THEIR_OWN = {
@@ -52,6 +54,7 @@ _OF_THEIR_OWN = {
     "localization": evaluate_localization.main,
     "table1": evaluate_table1.main,
     "uwb": evaluate_uwb.main,
+    "view-selection": evaluate_view_selection.main,
 }
 
 _TITLES = {

@@ -10,11 +10,17 @@ import tyro
 from mulan.cli.progress import console, progress_bar
 from mulan.mission.run_folder import RunFolder
 from mulan.planning.candidates import CandidateConfig
+from mulan.planning.free_space import FreeSpaceConfig
+from mulan.planning.knowledge import LookConfig
 from mulan.planning.plan import PlanConfig
 from mulan.planning.pose_growth import DriftConfig
+from mulan.planning.radio_fix import RadioFixConfig
 from mulan.planning.run_files import plan_run
 from mulan.planning.score import LiteralPosterior, PropagatedPosterior
-from mulan.reconstruction.field_file import load_engine
+from mulan.planning.team import TeamConfig
+from mulan.planning.team_plan import TeamPlanConfig
+from mulan.planning.team_run import EnsembleConfig, TeamRunConfig, plan_team_run
+from mulan.reconstruction.field_file import load_field
 
 
 @dataclass(frozen=True)
@@ -23,29 +29,47 @@ class Options:
 
     run: Annotated[Path, tyro.conf.Positional]
     """Run folder."""
-    posterior: Literal["propagated", "literal"] = "propagated"
-    """How pose uncertainty enters the score: propagated to colour, or the paper's formula as printed."""
-    columns: int = 32
+    rule: Literal["team", "propagated", "literal"] = "team"
+    """How views are judged: by new directions and disagreement of small fields, jointly for the team; or the
+    paper's fall of the learned variance on the ring, each robot alone, with pose uncertainty propagated to
+    colour or in the formula as printed."""
+    columns: int = 25
     """Rays across a candidate's image; the rows follow from its aspect."""
     candidates: CandidateConfig = field(default_factory=CandidateConfig)
-    """Where a robot could go."""
+    """The ring of views about each robot."""
     drift: DriftConfig = field(default_factory=DriftConfig)
     """What odometry loses on the way."""
+    free_space: FreeSpaceConfig = field(default_factory=FreeSpaceConfig)
+    """With --rule team, places beyond the ring."""
+    radio: RadioFixConfig = field(default_factory=RadioFixConfig)
+    """With --rule team, what the radio will tell there about the pose."""
+    team: TeamConfig = field(default_factory=TeamConfig)
+    """With --rule team, price of travel and radio range."""
+    ensemble: EnsembleConfig = field(default_factory=EnsembleConfig)
+    """With --rule team, the small fields."""
 
-    def config(self) -> PlanConfig:
+    def config(self) -> TeamRunConfig | PlanConfig:
         """The planner's options."""
-        posterior = LiteralPosterior() if self.posterior == "literal" else PropagatedPosterior()
+        if self.rule == "team":
+            plan = TeamPlanConfig(self.candidates, self.free_space, self.drift, self.radio, self.team)
+            looks = LookConfig(columns=self.columns, chosen_columns=2 * self.columns)
+            return TeamRunConfig(plan, self.ensemble, looks)
+        posterior = LiteralPosterior() if self.rule == "literal" else PropagatedPosterior()
         return PlanConfig(self.candidates, self.drift, posterior, self.columns)
 
 
-def plan(run: RunFolder, config: PlanConfig) -> None:
+def plan(run: RunFolder, config: TeamRunConfig | PlanConfig) -> None:
     """Score the candidates, write plan.json and plan.png, say where to go."""
-    engine = load_engine(run.field)
+    engine, description = load_field(run.field)
     with progress_bar("Planning") as progress:
-        chosen = plan_run(run, engine, config, progress)
+        if isinstance(config, TeamRunConfig):
+            chosen = plan_team_run(run, engine, description.space, config, progress)
+        else:
+            chosen = plan_run(run, engine, config, progress)
     for robot in chosen.robots:
         if robot.best is None:
-            console.print(f"{robot.robot.robot}: nowhere free to go")
+            why = "no view is worth the way" if len(robot.score) else "nowhere free to go"
+            console.print(f"{robot.robot.robot}: {why}")
             continue
         x, y, z = robot.T_world_candidate[robot.best][:3, 3]
         console.print(

@@ -69,7 +69,7 @@ def _draw_map(figure: Figure, axes: Axes, plan: ViewPlan, paths: Mapping[str, ND
     axes.grid(alpha=0.25)
     axes.legend(loc="best", frameon=False, fontsize=9)
     if dots is not None:
-        figure.colorbar(dots, ax=axes, shrink=0.75, label="expected variance reduction per ray")
+        figure.colorbar(dots, ax=axes, shrink=0.75, label=plan.score_meaning)
 
 
 def _arrow(axes: Axes, start: NDArray, end: NDArray, colour: str, style: str) -> None:

@@ -58,18 +58,15 @@ class RobotPlan:
         robot: Where it is.
         T_world_candidate: Free candidate camera poses.
         covariance: Covariance each would have there.
-        score: Expected variance reduction of each (colour units squared, summed along a ray).
+        score: What each is worth by itself.
+        best: Candidate to take; None where nowhere is free or nothing worth the way, and the robot stays.
     """
 
     robot: RobotView
     T_world_candidate: Float[NDArray, "n 4 4"]
     covariance: Float[NDArray, "n 6 6"]
     score: Float[NDArray, "n"]
-
-    @property
-    def best(self) -> int | None:
-        """Index of the best candidate; None where nowhere is free, and the robot stays."""
-        return int(np.argmax(self.score)) if len(self.score) else None
+    best: int | None
 
 
 @dataclass(frozen=True)
@@ -79,10 +76,12 @@ class ViewPlan:
     Attributes:
         robots: One plan a robot, in the order given.
         centre_m: The scene centre the candidates look at.
+        score_meaning: What the scores are, in a few words and their unit.
     """
 
     robots: tuple[RobotPlan, ...]
     centre_m: Float[NDArray, "3"]
+    score_meaning: str = "expected variance reduction per ray"
 
 
 def plan_views(
@@ -92,7 +91,9 @@ def plan_views(
     config: PlanConfig,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> ViewPlan:
-    """Score every free candidate of every robot by expected posterior variance reduction.
+    """Score every free candidate of every robot by the paper's rule, posterior variance reduction.
+
+    Scores are in colour units squared, summed along a ray; each robot takes its best.
 
     Args:
         engine: The trained field.
@@ -116,7 +117,8 @@ def plan_views(
             ],
             dtype=float,
         )
-        plans.append(RobotPlan(robot, poses, covariance, score))
+        best = int(np.argmax(score)) if len(score) else None
+        plans.append(RobotPlan(robot, poses, covariance, score, best))
     if progress is not None:
         progress(len(robots), len(robots), "done")
     return ViewPlan(tuple(plans), centre_m)

@@ -4,6 +4,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
+from numpy.typing import NDArray
 
 from mulan.errors import InputError
 from mulan.geometry.alignment import point_nearest_to_axes
@@ -59,7 +61,7 @@ def plan_as_json(plan: ViewPlan) -> dict[str, Any]:
         }
         for p in plan.robots
     }
-    return {"centre_m": plan.centre_m.tolist(), "robots": robots}
+    return {"centre_m": plan.centre_m.tolist(), "score_meaning": plan.score_meaning, "robots": robots}
 
 
 def plan_run(
@@ -73,18 +75,33 @@ def plan_run(
     Raises:
         InputError: transforms.json is missing or cannot be used.
     """
+    images = photographed(run)
+    plan = plan_views(engine, last_views(images), looked_at_m(images), config, progress)
+    write_plan(run, images, plan, engine)
+    return plan
+
+
+def photographed(run: RunFolder) -> PosedImageSet:
+    """The photographs a run has learnt from.
+
+    Raises:
+        InputError: transforms.json is missing or cannot be used.
+    """
     if not run.transforms.exists():
         raise InputError(run.transforms, "file", "does not exist", "make it with 'mulan localize'")
-    images = read_transforms(run.transforms)
-    cameras = (
-        np.stack([image.T_world_camera for image in images.train]) if images.train else np.zeros((0, 4, 4))
-    )
-    robots = last_views(images)
-    centre = point_nearest_to_axes(cameras[:, :3, 3], -cameras[:, :3, 2])
-    plan = plan_views(engine, robots, centre, config, progress)
+    return read_transforms(run.transforms)
+
+
+def looked_at_m(images: PosedImageSet) -> Float[NDArray, "3"]:
+    """The point nearest to all training cameras' axes, in the world."""
+    cameras = np.array([image.T_world_camera for image in images.train]).reshape(-1, 4, 4)
+    return point_nearest_to_axes(cameras[:, :3, 3], -cameras[:, :3, 2])
+
+
+def write_plan(run: RunFolder, images: PosedImageSet, plan: ViewPlan, engine: RadianceEngine) -> None:
+    """Write plan.json and, beside it, plan.png."""
     write_json(run.plan, plan_as_json(plan))
     draw_plan(plan, engine, _paths(run, images), run.plan.with_suffix(".png"))
-    return plan
 
 
 def _paths(run: RunFolder, images: PosedImageSet) -> dict[str, np.ndarray]:

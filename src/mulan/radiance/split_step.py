@@ -97,3 +97,16 @@ class SplitStepEngine(RadianceEngine):
     @abstractmethod
     def apply(self, gradients: ParameterGradients, learning_rate_factor: float) -> None:
         """Move the parameters, and look at the occupancy again when it is time."""
+
+    @abstractmethod
+    def parameter_gradient(
+        self,
+        origins: Float[Tensor, "r 3"],
+        directions: Float[Tensor, "r 3"],
+        colour_gradient: Float[Tensor, "r 3"],
+    ) -> Float[Tensor, "parameters"]:
+        """What a gradient to the colours along rays means for every parameter; the field stays as it is.
+
+        Samples lie in the middle of their steps, as in a rendering. The order is that of
+        :attr:`ParameterGradients.values`.
+        """

@@ -235,6 +235,27 @@ class TorchEngine(SplitStepEngine):
         rendering = Rendering(*(torch.cat(column) for column in zip(*parts, strict=True)))
         return rendering, RayGradients(*(torch.cat(column) for column in zip(*gradients, strict=True)))
 
+    def parameter_gradient(
+        self,
+        origins: Float[Tensor, "r 3"],
+        directions: Float[Tensor, "r 3"],
+        colour_gradient: Float[Tensor, "r 3"],
+    ) -> Float[Tensor, "parameters"]:
+        """See :class:`SplitStepEngine`."""
+        check_finite_rays(origins, directions)
+        check_finite("colour gradients", colour_gradient)
+        parameters = list(self.field.parameters())
+        values = torch.zeros(self.parameter_count)
+        for some in torch.arange(len(origins)).split(self._rays_at_once):
+            middle, least = torch.full((len(some),), 0.5), self._least_opacity(len(some))
+            c = self._evaluate(origins[some], directions[some], middle, least).composite(len(some))
+            colour = c.colour + (1 - c.opacity)[:, None] * self._background
+            wanted = (colour * colour_gradient[some]).sum()
+            if wanted.requires_grad:
+                parts = torch.autograd.grad(wanted, parameters, allow_unused=True, materialize_grads=True)
+                values += torch.cat([part.flatten() for part in parts])
+        return values
+
     @torch.no_grad()
     def sample(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> RaySamples:
         """The samples a rendering is made of; see :class:`RadianceEngine`."""

@@ -18,7 +18,16 @@ def section(contents: RunContents) -> Section:
     for name, robot in contents.plan["robots"].items():
         candidates = robot["candidates"]
         if robot["best"] is None:
-            rows.append([name, "stays: no free place", "–", "–", "–", str(len(candidates))])
+            rows.append(
+                [
+                    name,
+                    "stays: no view is worth the way" if candidates else "stays: no free place",
+                    "–",
+                    "–",
+                    "–",
+                    str(len(candidates)),
+                ]
+            )
             continue
         best = candidates[robot["best"]]
         x, y, z = (row[3] for row in best["T_world_camera"][:3])
@@ -33,17 +42,15 @@ def section(contents: RunContents) -> Section:
                 str(len(candidates)),
             ]
         )
-    header = ["Robot", "Go to [m]", "Gain per ray", "Against the mean", "Sigma there [cm]", "Free candidates"]
+    header = ["Robot", "Go to [m]", "Gain", "Against the mean", "Sigma there [cm]", "Free candidates"]
     body = table(header, rows)
     picture = next((p for p in _picture_places(contents) if p.exists()), None)
     if picture is not None:
         image = data_uri(load_rgb(picture), _LONGEST_SIDE)
         alt = "Map of candidate views coloured by gain, with the chosen views rendered beside it"
         body = f'<img class="wide" src="{image}" alt="{alt}">' + body
-    note = (
-        "Gain is the expected fall of colour variance along a ray, at the pose uncertainty the robot would "
-        "have there."
-    )
+    meaning = contents.plan.get("score_meaning", "expected variance reduction per ray")
+    note = f"Gain: {meaning}, at the pose uncertainty the robot would have there."
     return Section("plan", "Next views", body + caption(note))
 
 

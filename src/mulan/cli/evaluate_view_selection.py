@@ -1,0 +1,152 @@
+"""``mulan evaluate view-selection``: rules for choosing views, side by side."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import tyro
+from rich.table import Table
+from tyro.conf import EnumChoicesFromValues
+
+from mulan.cli.evaluate_engine import recordings
+from mulan.cli.progress import console, progress_stages
+from mulan.errors import InputError
+from mulan.evaluation.view_selection.fields import FieldsConfig
+from mulan.evaluation.view_selection.policies import FARTHEST, RANDOM, TITLES
+from mulan.evaluation.view_selection.pools import PoolKind
+from mulan.evaluation.view_selection.protocol import PICTURE, ViewSelectionConfig, view_selection
+from mulan.evaluation.view_selection.trial import TrialConfig
+from mulan.mission.image_sets import read_posed_images
+from mulan.mission.run_folder import RunFolder
+
+QUICK_STEPS, QUICK_PLANNING_STEPS = 500, 150
+
+
+@dataclass(frozen=True)
+class Options:
+    """Choose views from a set of photographs by every rule, learn from them, compare with the rest."""
+
+    out: Path
+    """Folder to write: metrics.json, view_selection.png, a folder a seed."""
+    data: Path = field(default_factory=lambda: recordings() / "nerf_synthetic_lego")
+    """Posed image set: a folder or transforms.json (Blender, nerfstudio, instant-ngp)."""
+    hold_out_every: int = 8
+    """Every n-th image becomes a test view where the set names none."""
+    views: str = "5,10,20"
+    """Numbers of views at which a field is learnt from scratch and judged, separated by commas."""
+    first_views: int = 4
+    """Views every policy starts from, drawn by lot; 2 with --views 10 is FisherRF's other schedule."""
+    seeds: int = 5
+    """Repetitions; each draws its own first views, windows, pose errors and fields."""
+    first_seed: int = 0
+    """Seed of the first repetition."""
+    pool: EnumChoicesFromValues[PoolKind] = PoolKind.STANDARD
+    """What is wrong with the photographs: nothing; half the field of view, pointed at random; half of them
+    with a position error of 0.15 m; all with one of 0.02 m to 0.08 m."""
+    policies: str = ""
+    """Policies to compare, separated by commas; those the pool is made for if empty. Those finished earlier
+    with the same options are shown too."""
+    image_size: int = 100
+    """Longest image side in pixels."""
+    steps: int | None = None
+    """Optimiser steps of each field that is judged; 2500 if not given."""
+    planning_steps: int | None = None
+    """Optimiser steps of each field that plans; 400 if not given."""
+    round_views: int = 2
+    """Views chosen between two looks at what was learnt."""
+    quick: bool = False
+    """500 steps, 150 to plan, unless given: a look, no measurement."""
+
+
+def comparison(options: Options) -> ViewSelectionConfig:
+    """What the options ask for.
+
+    Raises:
+        InputError: ``--views`` is not a list of numbers, or a number is not positive.
+    """
+    try:
+        views = tuple(int(word) for word in options.views.split(","))
+    except ValueError:
+        raise InputError(
+            "--views", f"'{options.views}'", "is not a list of whole numbers", "give some such as 5,10,20"
+        ) from None
+    steps, planning = (QUICK_STEPS, QUICK_PLANNING_STEPS) if options.quick else (None, None)
+    default = FieldsConfig()
+    fields = FieldsConfig(
+        image_size=options.image_size,
+        steps=options.steps or steps or default.steps,
+        planning_steps=options.planning_steps or planning or default.planning_steps,
+    )
+    for option, value in (
+        ("--steps", fields.steps),
+        ("--planning-steps", fields.planning_steps),
+        ("--image-size", fields.image_size),
+        ("--round-views", options.round_views),
+    ):
+        if value < 1:
+            raise InputError(option, "value", f"{value} is below one", "give one or more")
+    trial = TrialConfig(
+        views=views, first_views=options.first_views, round_views=options.round_views, fields=fields
+    )
+    policies = tuple(word.strip() for word in options.policies.split(",") if word.strip())
+    return ViewSelectionConfig(options.pool, options.seeds, options.first_seed, policies, trial)
+
+
+def print_comparison(metrics: dict[str, Any]) -> None:
+    """PSNR at every number of views, and the paired gain at the last over the two references."""
+    policies = metrics["policies"]
+    counts = list(next(iter(policies.values()))["views"])
+    table = Table(box=None, header_style="dim", padding=(0, 1))
+    table.add_column("policy", no_wrap=True)
+    headings = [
+        *(f"{count} views" for count in counts),
+        *(f"−{r}@{c}" for c in counts for r in ("rnd", "far")),
+    ]
+    for heading in (*headings, "ms"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for name, policy in policies.items():
+        cells = []
+        for count in counts:
+            psnr = policy["views"][count]["psnr_db"]
+            cells.append(f"{psnr['mean']:.2f}" + ("" if psnr["std"] is None else f"±{psnr['std']:.2f}"))
+        for count in counts:
+            minus = policy["views"][count]["minus"]
+            cells += [_gain(minus.get(reference)) for reference in (RANDOM, FARTHEST)]
+        cells.append("–" if policy["plan_ms"] is None else f"{policy['plan_ms']:.1f}")
+        table.add_row(TITLES[name], *cells)
+    console.print(table)
+    console.print(
+        "[dim]mean PSNR of the test views in dB; paired gains with 95 % interval; ms a candidate[/]"
+    )
+    for name, policy in policies.items():
+        for count in counts:
+            if "ause" in (at := policy["views"][count]):
+                ause, rank = at["ause"], at["spearman"]
+                console.print(
+                    f"[dim]{TITLES[name]}, {count} views, object pixels, AUSE and Spearman:"
+                    f" ensemble {ause['ensemble']:.2f}, {rank['ensemble']:.2f};"
+                    f" learned {ause['learned']:.2f}, {rank['learned']:.2f};"
+                    f" by lot AUSE {ause['chance']:.2f}[/]"
+                )
+
+
+def _gain(gain: dict[str, Any] | None) -> str:
+    if gain is None:
+        return "–"
+    half = "" if gain["low"] is None else f"±{gain['mean'] - gain['low']:.2f}"
+    return f"{gain['mean']:+.2f}{half}"
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Choose, learn, judge, write, tell."""
+    options = tyro.cli(Options, args=arguments, prog="mulan evaluate view-selection")
+    config = comparison(options)
+    images = read_posed_images(options.data, options.hold_out_every)
+    run = RunFolder(options.out)
+    with progress_stages() as stage:
+        metrics = view_selection(images, config, run, stage, console.print)
+    run.record_config("evaluate view-selection", asdict(options))
+    print_comparison(metrics)
+    console.print(f"Metrics: [bold]{run.metrics}[/], picture: [bold]{run.root / PICTURE}[/]")
+    return 0

@@ -1,0 +1,68 @@
+"""What is known when the next view must be chosen."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from mulan.planning.cells import CellGrid
+from mulan.planning.look import Look, look
+from mulan.planning.view import View
+from mulan.radiance.engine import RadianceEngine
+from mulan.radiance.space import SceneSpace
+
+
+@dataclass(frozen=True)
+class LookConfig:
+    """How views are looked at before they are taken."""
+
+    columns: int = 25
+    """Rays across a candidate's image."""
+    chosen_columns: int = 50
+    """Rays across the image of a view that was taken, so that no cell it saw is missed by chance."""
+    colour_variance: float = 0.005
+    """s₀²: colour variance of a pixel whose pose is exact, as in the weights of a training."""
+
+
+class Knowledge:
+    """Fields learnt so far and the views they were learnt from.
+
+    Looks are kept, since several scores ask for the same ones.
+
+    Attributes:
+        fields: Fields learnt from the chosen views, each from its own start; the first stands for all where
+            one is enough.
+        chosen: Views taken, and those already decided on.
+        config: How views are looked at.
+        grid: Cells sights are counted in.
+    """
+
+    def __init__(
+        self,
+        fields: Sequence[RadianceEngine],
+        space: SceneSpace,
+        chosen: Sequence[View],
+        config: LookConfig | None = None,
+    ) -> None:
+        self.fields, self.chosen = tuple(fields), tuple(chosen)
+        self.config, self.grid = config or LookConfig(), CellGrid.of(space)
+        self._looks: dict[tuple[View, int], Look] = {}
+
+    def with_chosen(self, view: View) -> "Knowledge":
+        """The same fields once a view is decided on, before anything was learnt from it."""
+        more = Knowledge(self.fields, self.grid.space, (*self.chosen, view), self.config)
+        more._looks = self._looks
+        return more
+
+    def look(self, candidate: View) -> Look:
+        """What a candidate would see."""
+        return self._look(candidate, self.config.columns)
+
+    @property
+    def chosen_looks(self) -> list[Look]:
+        """What each chosen view saw."""
+        return [self._look(view, self.config.chosen_columns) for view in self.chosen]
+
+    def _look(self, view: View, columns: int) -> Look:
+        key = view, columns
+        if key not in self._looks:
+            self._looks[key] = look(self.fields[0], self.grid, view, columns, self.config.colour_variance)
+        return self._looks[key]

@@ -1,0 +1,36 @@
+"""Where fields that learnt from the same views disagree."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from mulan.planning.knowledge import Knowledge
+from mulan.planning.scores.score import RayScore
+from mulan.planning.view import View
+
+
+@dataclass(frozen=True)
+class EnsembleVariance(RayScore):
+    """Variance of the colour between the members (Lakshminarayanan et al. 2017).
+
+    Rays that miss the scene's box see the same background in all members and count nothing; no term for
+    density is added, which before a white background would favour the view with least of the object.
+    """
+
+    members: int = 3
+    """Fields that vote."""
+
+    @property
+    def fields_needed(self) -> int:
+        """All members."""
+        return self.members
+
+    def information(self, knowledge: Knowledge, candidate: View) -> Float[Tensor, "r"]:
+        """Sample variance of the colour, mean over the channels."""
+        seen = knowledge.look(candidate)
+        colours = [
+            field.render(seen.origins, seen.directions).colour for field in knowledge.fields[: self.members]
+        ]
+        return torch.stack(colours).var(0).mean(-1)

@@ -1,0 +1,41 @@
+"""Several fields of one scene as one: their mean, and their disagreement as the variance."""
+
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from mulan.radiance.engine import RadianceEngine, Rendering
+
+
+class FieldEnsemble:
+    """Fields learnt from the same views, each from its own start (Lakshminarayanan et al. 2017).
+
+    Renders like one field. What the views leave open, members fill in each in its own way, so the variance
+    between them ranks the true error, as the variance a field learns from its own residuals does not.
+
+    Attributes:
+        members: The fields, at least two.
+    """
+
+    def __init__(self, members: Sequence[RadianceEngine]) -> None:
+        """Gather the members.
+
+        Raises:
+            ValueError: There are fewer than two.
+        """
+        if len(members) < 2:
+            raise ValueError("an ensemble needs two members to disagree")
+        self.members = tuple(members)
+
+    def render(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> Rendering:
+        """Means over the members; the variance is the sample variance of the colour, mean over channels."""
+        seen = [member.render(origins, directions) for member in self.members]
+        colour = torch.stack([one.colour for one in seen])
+        return Rendering(
+            colour.mean(0),
+            torch.stack([one.depth_m for one in seen]).mean(0),
+            torch.stack([one.opacity for one in seen]).mean(0),
+            colour.var(0).mean(-1),
+        )

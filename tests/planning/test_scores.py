@@ -1,0 +1,194 @@
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import torch
+from torch.testing import assert_close
+
+from mulan.geometry.camera import PinholeCamera
+from mulan.planning.candidates import look_at
+from mulan.planning.cells import CellGrid
+from mulan.planning.knowledge import Knowledge, LookConfig
+from mulan.planning.score import LiteralPosterior, PropagatedPosterior
+from mulan.planning.scores.among_certain import AmongCertain
+from mulan.planning.scores.angular_novelty import AngularNovelty
+from mulan.planning.scores.coverage import Coverage
+from mulan.planning.scores.ensemble import EnsembleVariance
+from mulan.planning.scores.farthest_point import FarthestPoint
+from mulan.planning.scores.random_order import RandomOrder
+from mulan.planning.scores.rank_sum import RankSum, default_score
+from mulan.planning.scores.variance_posterior import VariancePosterior
+from mulan.planning.selection import choose_views
+from mulan.planning.view import View
+from mulan.radiance.ensemble import FieldEnsemble
+from mulan.radiance.space import SceneSpace
+
+from .analytic_engine import BallEngine
+
+SPACE = SceneSpace((0.0, 0.0, 0.0), 0.7, unbounded=False)
+CAMERA = PinholeCamera(100, 100, 120.0, 120.0, 50.0, 50.0)
+
+
+def view(azimuth_deg, sigma_m=0.0, target=(0.0, 0.0, 0.0), distance_m=2.0):
+    a = np.radians(azimuth_deg)
+    T = look_at(distance_m * np.array([np.cos(a), np.sin(a), 0.1]), np.array(target), np.array([0, 1.0, 0]))
+    return View(CAMERA, T, np.diag([0.0] * 3 + [sigma_m**2] * 3))
+
+
+@dataclass
+class HalfPainted(BallEngine):
+    """A member that paints the half x > 0 in a grey of its own."""
+
+    grey: float = 0.5
+
+    def sample(self, origins, directions):
+        s = super().sample(origins, directions)
+        x = (origins[s.ray_index] + s.distance_m[:, None] * directions[s.ray_index])[:, 0]
+        return replace(s, colour=torch.where(x[:, None] > 0, self.grey, s.colour))
+
+
+MEMBERS = (HalfPainted(grey=0.2), HalfPainted(grey=0.5), HalfPainted(grey=0.8))
+
+
+PLAIN = (BallEngine(),)
+LOOKS = LookConfig()
+
+
+def knowing(*chosen, fields=PLAIN, looks=LOOKS):
+    return Knowledge(fields, SPACE, chosen, looks)
+
+
+INFORMATION = [
+    AngularNovelty(),
+    Coverage(),
+    EnsembleVariance(),
+    VariancePosterior(PropagatedPosterior()),
+    VariancePosterior(LiteralPosterior()),
+]
+
+
+@pytest.mark.parametrize("score", INFORMATION, ids=lambda s: type(s).__name__)
+def test_a_view_is_worth_less_the_worse_its_pose_is_known(score):
+    candidates = [view(20, sigma_m) for sigma_m in (0.0, 0.02, 0.05, 0.1)]
+    worth = score(knowing(view(180), fields=MEMBERS), candidates)
+    assert (np.diff(worth) < 0).all()
+    assert worth[-1] < 0.9 * worth[0]
+    trusted = score(knowing(view(180), fields=MEMBERS), [c.taken_as_exact() for c in candidates])
+    np.testing.assert_allclose(trusted, worth[0], rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "score", [AngularNovelty(), Coverage(), FarthestPoint()], ids=lambda s: type(s).__name__
+)
+def test_the_far_side_is_worth_more_than_the_seen_one(score):
+    worth = score(knowing(view(0)), [view(10), view(60), view(180)])
+    assert (np.diff(worth) > 0).all()
+
+
+def test_a_camera_that_stood_near_but_looked_elsewhere_does_not_count():
+    candidate = [view(5)]
+    looked_away = view(0, target=(4.0, 3.0, 0.2))
+    none = AngularNovelty()(knowing(view(180)), candidate)
+    assert AngularNovelty()(knowing(view(180), looked_away), candidate) == pytest.approx(none)
+    assert AngularNovelty()(knowing(view(180), view(0)), candidate) < 0.2 * none
+    assert FarthestPoint()(knowing(view(180), looked_away), candidate) < 0.2
+
+
+@pytest.mark.parametrize("score", [AngularNovelty(), Coverage()], ids=lambda s: type(s).__name__)
+def test_a_seen_place_stays_worth_a_visit_if_whoever_saw_it_hardly_knew_where_it_was(score):
+    again = [view(5)]
+    certain, unsure = (score(knowing(view(0, sigma_m)), again)[0] for sigma_m in (0.0, 0.15))
+    never = score(knowing(), again)[0]
+    assert certain < unsure < never
+
+
+def test_a_second_look_at_the_same_cells_covers_about_a_quarter():
+    first, second = Coverage()(knowing(), [view(0)])[0], Coverage()(knowing(view(0)), [view(0)])[0]
+    # rays of different views graze different cells
+    assert second == pytest.approx(first / 4, rel=0.4)
+
+
+def test_an_ensemble_looks_where_its_members_disagree():
+    worth = EnsembleVariance()(knowing(fields=MEMBERS), [view(0), view(90), view(180)])
+    assert worth[0] > worth[1] > worth[2]
+    same = EnsembleVariance()(knowing(fields=(BallEngine(),) * 3), [view(0)])
+    assert same == pytest.approx(0, abs=1e-6)
+
+
+def test_an_ensemble_renders_its_members_mean_and_their_sample_variance():
+    o, d = torch.tensor([[2.0, 0.0, 0.0]]), torch.tensor([[-1.0, 0.0, 0.0]])
+    together = FieldEnsemble(MEMBERS).render(o, d)
+    alone = torch.stack([member.render(o, d).colour for member in MEMBERS])
+    assert_close(together.colour, alone.mean(0))
+    assert_close(together.variance, alone.var(0).mean(-1))
+    with pytest.raises(ValueError, match="two members"):
+        FieldEnsemble([BallEngine()])
+
+
+def test_uncertain_views_come_after_every_certain_one_and_the_best_known_first():
+    candidates = [view(0, 0.2), view(170, 0.1), view(20), view(90)]
+    order = choose_views(AmongCertain(FarthestPoint(), 0.05), knowing(view(10)), candidates, 4)
+    assert set(order[:2]) == {2, 3}
+    assert order[2:] == [1, 0]
+
+
+def test_ranks_do_not_depend_on_the_units_of_the_scores():
+    @dataclass(frozen=True)
+    class Cubed(AngularNovelty):
+        def __call__(self, knowledge, candidates):
+            return 1000 * super().__call__(knowledge, candidates) ** 3
+
+    candidates = [view(a) for a in (10, 50, 130, 170, 250)]
+    knowledge = knowing(view(0), fields=MEMBERS)
+    plain = RankSum((AngularNovelty(), EnsembleVariance()))(knowledge, candidates)
+    np.testing.assert_allclose(RankSum((Cubed(), EnsembleVariance()))(knowledge, candidates), plain)
+    assert default_score() == RankSum((AngularNovelty(), EnsembleVariance()))
+    assert default_score().fields_needed == 3
+    assert len(default_score()(knowledge, [])) == 0
+
+
+def test_views_chosen_together_spread_instead_of_repeating_each_other():
+    candidates = [view(a) for a in (175, 180, 185, 90, 270)]
+    chosen = choose_views(AngularNovelty(), knowing(view(0)), candidates, 3)
+    assert len(set(chosen)) == 3
+    assert {3, 4} <= set(chosen)
+
+
+def test_lots_are_repeatable_differ_between_seeds_and_need_no_field():
+    candidates = [view(a) for a in range(0, 200, 10)]
+    knowledge = Knowledge((), SPACE, (view(0),))
+    a, b = (choose_views(RandomOrder(seed), knowledge, candidates, 5) for seed in (1, 2))
+    assert a == choose_views(RandomOrder(1), knowledge, candidates, 5)
+    assert a != b
+    assert RandomOrder(1).fields_needed == FarthestPoint().fields_needed == 0
+
+
+@pytest.mark.parametrize("unbounded", [False, True])
+def test_the_middle_of_a_cell_lies_in_it(unbounded):
+    grid = CellGrid.of(SceneSpace((0.3, -0.2, 0.1), 0.8, unbounded))
+    cell = torch.arange(0, grid.cells, 97)
+    assert_close(grid.cell_of(grid.centre_m(cell)), cell)
+
+
+def test_a_view_of_nothing_teaches_nothing():
+    away = view(0, target=(9.0, 0.0, 0.0))
+    for score in INFORMATION:
+        assert score(knowing(view(180), fields=MEMBERS), [away]) == pytest.approx(0, abs=1e-6)
+
+
+def test_the_reduction_with_propagated_noise_is_that_with_sampled_poses():
+    from mulan.geometry import se3
+    from mulan.planning.rays import camera_rays
+    from mulan.planning.score import CandidateView, posterior_variance, ray_variance, variance_reduction
+
+    engine, sigma_m, columns = BallEngine(stripes=3.0), 0.02, 12
+    covariance = np.diag([1e-6] * 3 + [sigma_m**2] * 3)
+    candidate = CandidateView(CAMERA, view(30).T_world_camera, covariance, columns)
+    twists = np.random.default_rng(0).normal(size=(150, 6)) * np.sqrt(np.diag(covariance))
+    poses = candidate.T_world_camera @ se3.exp(twists)
+    colours = torch.stack([engine.render(*camera_rays(CAMERA, T, columns)).colour for T in poses])
+    samples = engine.sample(*camera_rays(CAMERA, candidate.T_world_camera, columns))
+    noise = ray_variance(samples, columns**2) + colours.var(0).mean(-1)
+    after = posterior_variance(samples, noise[samples.ray_index])
+    sampled = float((samples.variance - after).sum()) / columns**2
+    assert variance_reduction(engine, candidate, PropagatedPosterior()) == pytest.approx(sampled, rel=0.1)
