@@ -16,6 +16,7 @@ from mulan.reconstruction.torchrun import is_leader, place_of_this_process
 COMMANDS = {
     "demo": "Three simulated robots reconstruct a room, from radio to report.",
     "simulate": "Make a mission bag from a 3-D scene or from a posed image set.",
+    "import": "Bring in ROS bags with other topics, COLMAP models, trajectories with images.",
     "run": "Localize, train, plan and report on one bag.",
     "aoa": "Draw where a recording's radio signals come from.",
     "calibrate": "Fit what bearings claim to recordings with known geometry.",
@@ -23,10 +24,14 @@ COMMANDS = {
     "train": "Learn the radiance field from a run or a posed image set.",
     "plan": "Propose the next views for every robot of a run.",
     "render": "Render views of a trained run.",
+    "export": "Write a run for nerfstudio, COLMAP, TUM tools, mesh and video programs.",
     "evaluate": "Run the experiments behind the published numbers.",
     "report": "Write a run's report page.",
     "doctor": "Say what this machine has and what a missing part costs.",
 }
+
+
+_MODULES = {"import": "importing"}  # Python keeps some words to itself
 
 
 def print_overview() -> None:
@@ -53,7 +58,7 @@ def run_command(arguments: Sequence[str]) -> int:
         raise InputError("mulan", f"command '{name}'", "is unknown", "see 'mulan --help'")
     if name != "train" and place_of_this_process() is not None:
         raise InputError("torchrun", f"command '{name}'", "runs in one process", "start it without torchrun")
-    return importlib.import_module(f"mulan.cli.{name}").main(rest)
+    return importlib.import_module(f"mulan.cli.{_MODULES.get(name, name)}").main(rest)
 
 
 def main() -> None:
