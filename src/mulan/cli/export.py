@@ -9,7 +9,7 @@ import tyro
 
 from mulan.cli.progress import console, progress_bar
 from mulan.export.crop import CropConfig
-from mulan.export.exported_run import ExportedRun
+from mulan.export.exported_run import ExportedRun, Poses
 from mulan.export.image_sets import export_colmap, export_nerfstudio
 from mulan.export.mesh_files import MeshConfig, export_mesh
 from mulan.export.ply import write_points
@@ -35,8 +35,8 @@ class Options:
     """Folder to write; default <run>/export."""
     link: bool = False
     """Hard links to the photographs instead of copies, where the file system allows."""
-    refined: bool | None = None
-    """Take the poses refined while learning; taken if the field was learnt at them, unless said otherwise."""
+    poses: Poses = "best"
+    """Refined while learning, or as localized; best: refined if the field was learnt at them."""
     colmap_text: bool = False
     """COLMAP's text files instead of the binary ones."""
     crop: CropConfig = field(default_factory=CropConfig)
@@ -51,7 +51,7 @@ class Options:
 
 def export(options: Options) -> None:
     """Write everything asked for; what needs the field is tried first, so that nothing is done in vain."""
-    exported = ExportedRun.of(RunFolder(options.run), options.refined)
+    exported = ExportedRun.of(RunFolder(options.run), options.poses)
     folder = options.out or options.run / "export"
     with_field = {"points", "mesh", "video"} & set(options.to)
     engine, description = exported.field() if with_field else (None, None)

@@ -80,7 +80,7 @@ def density_mesh(
         level = float(np.log(2))
         if not values.min() < level < values.max():
             continue
-        corners, triangles, _, _ = measure.marching_cubes(values, level)
+        corners, triangles, _, _ = measure.marching_cubes(values, level, gradient_direction="ascent")
         corners += [first, -1, -1]  # one empty layer lies before the first in y and z too
         vertices.append(corners)
         faces.append(triangles.astype(np.int64) + count)

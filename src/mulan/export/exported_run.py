@@ -1,6 +1,7 @@
 """What an export begins with: a run's photographs at their best poses, and its field if it has one."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 from mulan.errors import InputError
 from mulan.mission.nerfstudio import read_transforms
@@ -9,6 +10,8 @@ from mulan.mission.run_folder import RunFolder, read_json
 from mulan.radiance.engine import RadianceEngine
 from mulan.reconstruction.field_file import FieldDescription, load_field
 from mulan.reconstruction.refinement.refine import REFINED
+
+Poses = Literal["best", "refined", "localized"]
 
 
 @dataclass(frozen=True)
@@ -26,20 +29,20 @@ class ExportedRun:
     refined: bool
 
     @staticmethod
-    def of(run: RunFolder, refined: bool | None = None) -> "ExportedRun":
+    def of(run: RunFolder, poses: Poses = "best") -> "ExportedRun":
         """Read a run's posed images.
 
         Args:
             run: Its folder.
-            refined: Whether to take the refined poses; None takes them if the run's field was learnt at them.
+            poses: Which ones; the best are the refined ones if the run's field was learnt at them.
 
         Raises:
             InputError: The run has no poses, or no refined ones and these were asked for.
         """
         path = run.root / REFINED
-        if refined and not path.exists():
+        if poses == "refined" and not path.exists():
             raise InputError(path, "file", "does not exist", "make it with 'mulan train --refine-poses'")
-        if refined or (refined is None and path.exists() and _field_follows(run)):
+        if poses == "refined" or (poses == "best" and path.exists() and _field_follows(run)):
             return ExportedRun(run, read_transforms(path), True)
         if not run.transforms.exists():
             raise InputError(

@@ -5,28 +5,28 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from numpy.typing import NDArray
 
 from mulan.export.density_mesh import TriangleMesh
 from mulan.export.surface_hits import surface_hits
 from mulan.geometry import se3
-from mulan.mission.pixels import resized_shape
 from mulan.mission.posed_images import PosedImage
 from mulan.radiance.engine import RadianceEngine
 
-_DEPTH_SIDE = 160  # longest side of the depth maps that decide what is hidden
-_MOST_CAMERAS = 64
-_DEPTH_TOLERANCE = 0.03  # of the distance: what a depth map's pixels blur
-_STAND_OFF = 4.0  # voxels before the surface where the colour ray begins, past anything in between
+_MOST_CAMERAS = 128
+_TRIES = 3  # cameras a vertex is looked at from before it counts as unseen
+_MOST_HIDDEN = 0.5  # opacity between camera and vertex up to which it is seen
+_STAND_OFF = 4.0  # voxels before an unseen vertex where its colour ray begins
 
 
 @dataclass(frozen=True)
-class MeshColours:
+class VertexColours:
     """One entry a vertex.
 
     Attributes:
-        colour: sRGB, from the photograph that looks at it most squarely.
+        colour: What the field shows towards the photograph that looks at it most squarely (sRGB); of unseen
+            vertices, what it shows squarely from close by.
         seen: Whether any photograph looked at it.
     """
 
@@ -34,74 +34,90 @@ class MeshColours:
     seen: Bool[NDArray, "v"]
 
 
-def mesh_colours(
+def vertex_colours(
     engine: RadianceEngine,
     mesh: TriangleMesh,
     voxel_m: float,
     images: Sequence[PosedImage],
     progress: Callable[[float, float, str], None],
-) -> MeshColours:
+) -> VertexColours:
     """Look at every vertex from the photographs' places.
 
-    A vertex is seen where it faces the camera, lies in its picture, and no deeper than the field's surface
-    there. Its colour is what the field shows along that direction; unseen ones are looked at squarely.
+    A vertex is seen where it faces the camera, lies in its picture, and not half of the light is stopped
+    before it. The squarest few cameras of each are tried.
 
     Args:
         engine: The field.
         mesh: Triangles.
         voxel_m: Size of the cells they were made with.
-        images: Photographs; at most some dozens spread over them are used.
+        images: Photographs; a hundred or so spread over them are used.
         progress: Called with what is done.
     """
     chosen = np.linspace(0, len(images) - 1, min(_MOST_CAMERAS, len(images))).round().astype(int)
+    cameras = [images[int(index)] for index in np.unique(chosen)]
     normals = mesh.normals()
-    best = np.zeros(len(mesh.position_m))
-    direction = -normals
-    for number, index in enumerate(chosen):
-        progress(number, len(chosen) + 1, "")
-        image = images[int(index)]
-        towards = mesh.position_m - image.T_world_camera[:3, 3]
-        distance_m = np.maximum(np.linalg.norm(towards, axis=1), 1e-9)
-        towards /= distance_m[:, None]
-        squareness = -(towards * normals).sum(1)
-        candidate = np.flatnonzero(squareness > best)
-        visible = _visible(engine, image, mesh.position_m[candidate], distance_m[candidate], voxel_m)
-        better = candidate[visible]
-        best[better], direction[better] = squareness[better], towards[better]
-    progress(len(chosen), len(chosen) + 1, "colours")
-    origin = mesh.position_m - _STAND_OFF * voxel_m * direction
+    squarest = _squarest(mesh.position_m, normals, cameras)
+    centre_m = np.stack([image.T_world_camera[:3, 3] for image in cameras])
+    seen = np.zeros(len(normals), dtype=bool)
+    colour = np.zeros((len(normals), 3), np.uint8)
+    for turn, camera in enumerate(squarest.T):
+        progress(turn, _TRIES + 1, "what was seen")
+        left = np.flatnonzero(~seen & (camera >= 0))
+        origin = centre_m[camera[left]]
+        shown, hidden = _look(engine, origin, mesh.position_m[left], voxel_m)
+        visible = hidden < _MOST_HIDDEN
+        seen[left[visible]], colour[left[visible]] = True, shown[visible]
+    progress(_TRIES, _TRIES + 1, "colours of what was not")
+    rest = np.flatnonzero(~seen)
+    origin = mesh.position_m[rest] + _STAND_OFF * voxel_m * normals[rest]
+    colour[rest], _ = _look(engine, origin, mesh.position_m[rest], voxel_m)
+    return VertexColours(colour, seen)
+
+
+def _squarest(
+    position_m: Float[NDArray, "v 3"], normals: Float[NDArray, "v 3"], cameras: Sequence[PosedImage]
+) -> Int[NDArray, "v tries"]:
+    """The cameras that look at each vertex most squarely, -1 where fewer have it in their pictures."""
+    best = np.zeros((len(position_m), _TRIES), np.float32)
+    which = np.full((len(position_m), _TRIES), -1, np.int64)
+    for number, image in enumerate(cameras):
+        towards = position_m - image.T_world_camera[:3, 3]
+        squareness = -(towards * normals).sum(1) / np.maximum(np.linalg.norm(towards, axis=1), 1e-9)
+        candidate = np.flatnonzero(squareness > best[:, -1])
+        candidate = candidate[_in_picture(image, position_m[candidate])]
+        best[candidate, -1], which[candidate, -1] = squareness[candidate], number
+        order = np.argsort(-best[candidate], axis=1, kind="stable")
+        best[candidate] = np.take_along_axis(best[candidate], order, 1)
+        which[candidate] = np.take_along_axis(which[candidate], order, 1)
+    return which
+
+
+def _in_picture(image: PosedImage, points_m: Float[NDArray, "v 3"]) -> Bool[NDArray, "v"]:
+    T_camera_world = se3.inverse(image.T_world_camera)
+    points_camera = points_m @ T_camera_world[:3, :3].T + T_camera_world[:3, 3]
+    camera = image.camera
+    with np.errstate(invalid="ignore"):
+        column, row = camera.project(points_camera).T
+        inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+    # far off its axis a lens with distortion may fold back into the picture
+    diagonal = np.hypot(camera.width / camera.fx, camera.height / camera.fy)
+    return inside & (np.hypot(points_camera[:, 0], points_camera[:, 1]) <= -points_camera[:, 2] * diagonal)
+
+
+def _look(
+    engine: RadianceEngine, origin: Float[NDArray, "v 3"], target: Float[NDArray, "v 3"], voxel_m: float
+) -> tuple[UInt8[NDArray, "v 3"], Float[NDArray, "v"]]:
+    """Colours along rays to targets, and how much of each ray's light is stopped before its target."""
+    if not len(origin):
+        return np.zeros((0, 3), np.uint8), np.zeros(0)
+    towards = target - origin
+    distance_m = np.linalg.norm(towards, axis=1)
+    direction = towards / np.maximum(distance_m, 1e-9)[:, None]
     hits = surface_hits(
         engine,
         torch.from_numpy(origin.astype(np.float32)),
         torch.from_numpy(direction.astype(np.float32)),
+        torch.from_numpy((distance_m - voxel_m).astype(np.float32)),
     )
     colour = (hits.colour.cpu().numpy() * 255).round().astype(np.uint8)
-    return MeshColours(colour, best > 0)
-
-
-def _visible(
-    engine: RadianceEngine,
-    image: PosedImage,
-    points_m: Float[NDArray, "v 3"],
-    distance_m: Float[NDArray, "v"],
-    voxel_m: float,
-) -> Bool[NDArray, "v"]:
-    width, height = resized_shape(image.camera.width, image.camera.height, _DEPTH_SIDE)
-    camera = image.camera.resized(width, height)
-    R, origin = image.T_world_camera[:3, :3], image.T_world_camera[:3, 3]
-    directions = torch.from_numpy((camera.pixel_directions().reshape(-1, 3) @ R.T).astype(np.float32))
-    origins = torch.from_numpy(origin.astype(np.float32)).expand(len(directions), 3).contiguous()
-    hits = surface_hits(engine, origins, directions)
-    depth_m = torch.where(hits.opacity > 0.5, hits.distance_m, torch.inf).cpu().numpy().reshape(height, width)
-    points_camera = se3.transform(se3.inverse(image.T_world_camera), points_m)
-    with np.errstate(invalid="ignore"):
-        column, row = np.floor(camera.project(points_camera)).T
-        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    # far off its axis a lens with distortion may fold back into the picture
-    half_diagonal = np.hypot(width / camera.fx, height / camera.fy)
-    inside &= np.hypot(points_camera[:, 0], points_camera[:, 1]) <= -points_camera[:, 2] * half_diagonal
-    result = np.zeros(len(points_m), dtype=bool)
-    at = depth_m[row[inside].astype(int), column[inside].astype(int)]
-    tolerance_m = 2 * voxel_m + _DEPTH_TOLERANCE * distance_m[inside]
-    result[inside] = distance_m[inside] <= at + tolerance_m
-    return result
+    return colour, hits.hidden.double().cpu().numpy()

@@ -14,7 +14,7 @@ from mulan.export import ply
 from mulan.export.crop import Box
 from mulan.export.density_mesh import TriangleMesh, density_mesh, in_large_pieces, kept_faces
 from mulan.export.extras import extra_module
-from mulan.export.mesh_colours import mesh_colours
+from mulan.export.mesh_colours import vertex_colours
 from mulan.mission.posed_images import PosedImageSet
 from mulan.mission.run_folder import write_atomically
 from mulan.radiance.engine import RadianceEngine
@@ -85,7 +85,7 @@ def export_mesh(
         raise InputError("--mesh", "level_per_m", f"is {level}", "give a density above zero")
     mesh = density_mesh(engine, box, config.resolution, level, progress)
     voxel_m = float((box.high_m - box.low_m).max()) / config.resolution
-    colours = mesh_colours(engine, mesh, voxel_m, images.train, progress)
+    colours = vertex_colours(engine, mesh, voxel_m, images.train, progress)
     colour = colours.colour
     if config.only_seen:
         # a triangle with one seen corner stays: the rim of what was seen is ragged enough
@@ -108,7 +108,7 @@ def _write(trimesh: ModuleType, mesh: TriangleMesh, colour: UInt8[NDArray, "v 3"
     ply.write_mesh(mesh.position_m, colour, mesh.faces, as_ply)
     scene = trimesh.Scene()
     body = trimesh.Trimesh(mesh.position_m, mesh.faces, vertex_colors=colour, process=False)
-    scene.add_geometry(body, geom_name="mesh", node_name="world", transform=_T_GLTF_WORLD)
+    scene.add_geometry(body, geom_name="mesh", node_name="z_up", transform=_T_GLTF_WORLD)
     data = scene.export(file_type="glb")
     write_atomically(as_glb, lambda temporary: temporary.write_bytes(data))
     return as_ply, as_glb

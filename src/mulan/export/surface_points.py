@@ -1,5 +1,6 @@
 """A point cloud of what the photographs show, at the field's depths."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -50,9 +51,11 @@ def surface_points(
         raise InputError("--points", "count", f"is {config.count}", "give one or more")
     rng = np.random.default_rng(config.seed)
     found: list[ColouredPoints] = []
-    missing = config.count
+    missing, tried = config.count, 0
     for turn in range(_ROUNDS):
-        per_image = -(-missing // len(images.train))
+        hit_share = (config.count - missing) / tried if tried else 1.0
+        per_image = math.ceil(missing / hit_share / len(images.train))
+        tried += per_image * len(images.train)
         for index, image in enumerate(images.train):
             progress(turn * len(images.train) + index, _ROUNDS * len(images.train), "")
             pixels = rng.uniform(size=(per_image, 2)) * [image.camera.width, image.camera.height]

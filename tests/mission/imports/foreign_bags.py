@@ -93,6 +93,7 @@ def as_ros1(bag: Path, path: Path) -> Path:
     store = get_typestore(Stores.ROS1_NOETIC)
     store.register(get_types_from_msg(messages.CSI_DEFINITION, messages.CSI_TYPE))
     store.register(get_types_from_msg(messages.RANGE_DEFINITION, messages.RANGE_TYPE))
+    store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", messages.TF_STATIC_TYPE))
     cache: dict[str, object] = {}
     with AnyReader([bag], default_typestore=messages.typestore()) as reader, Writer1(path) as writer:
         connections = {

@@ -168,11 +168,11 @@ def _image(path: Path, name: str, camera_id: int, pose: list[float]) -> ColmapIm
     if not name or Path(name).is_absolute() or ".." in Path(name).parts:
         raise InputError(path, f"image name '{name}'", "leads out of the image folder", _AGAIN)
     w, x, y, z, *t = pose
-    q = np.array([[x, y, z, w]])
-    length = float(np.linalg.norm(q))
+    length = math.hypot(x, y, z, w)
     # COLMAP itself normalises; only a length that cannot be one is a fault
-    if math.isfinite(length) and abs(length - 1) < 0.1:
-        q = q / length
+    if not abs(length - 1) < 0.1:
+        raise InputError(path, f"image {name}", f"has a quaternion of length {length:.4g}", _AGAIN)
+    q = np.array([[x, y, z, w]]) / length
     try:
         T_optical_world = ros_poses.to_matrices(np.array([t]), q)[0]
     except ValueError as error:
