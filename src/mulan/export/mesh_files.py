@@ -14,12 +14,14 @@ from mulan.export import ply
 from mulan.export.crop import Box
 from mulan.export.density_mesh import TriangleMesh, density_mesh, in_large_pieces, kept_faces
 from mulan.export.extras import extra_module
-from mulan.export.mesh_colours import vertex_colours
+from mulan.export.settled_mesh import settled
+from mulan.export.vertex_views import vertex_views
 from mulan.mission.posed_images import PosedImageSet
 from mulan.mission.run_folder import write_atomically
 from mulan.radiance.engine import RadianceEngine
 from mulan.radiance.space import SceneSpace
 
+_FARTHEST_VOXELS = 3.0  # that a vertex is moved to where the photographs see the surface
 LEVEL_PER_RADIUS = 10.0  # density of the surface in units of 1 / scene radius; see docs/export.md
 # glTF has y up; the vertices stay in the run's world, a node turns them
 _T_GLTF_WORLD = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
@@ -85,20 +87,18 @@ def export_mesh(
         raise InputError("--mesh", "level_per_m", f"is {level}", "give a density above zero")
     mesh = density_mesh(engine, box, config.resolution, level, progress)
     voxel_m = float((box.high_m - box.low_m).max()) / config.resolution
-    colours = vertex_colours(engine, mesh, voxel_m, images.train, progress)
-    colour = colours.colour
+    views = vertex_views(engine, mesh, voxel_m, images.train, progress)
+    colour, gap_m = views.colour, views.gap_m
     if config.only_seen:
         # a triangle with one seen corner stays: the rim of what was seen is ragged enough
-        mesh, used = kept_faces(mesh, colours.seen[mesh.faces].any(1))
-        colour = colour[used]
+        mesh, used = kept_faces(mesh, views.seen[mesh.faces].any(1))
+        colour, gap_m = colour[used], gap_m[used]
     if not len(mesh.faces):
         raise InputError(
-            "--mesh",
-            "surface",
-            "no photograph looked at any of it",
-            "give --mesh.no-only-seen or move --crop",
+            "--mesh", "surface", "was seen by no photograph", "give --mesh.no-only-seen or move --crop"
         )
     mesh, used = kept_faces(mesh, in_large_pieces(mesh, config.least_share))
+    mesh = settled(mesh, gap_m[used], _FARTHEST_VOXELS * voxel_m)
     files = _write(trimesh, mesh, colour[used], folder)
     return ExportedMesh(files, len(mesh.faces), np.ptp(mesh.position_m, axis=0))
 

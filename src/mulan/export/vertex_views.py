@@ -1,4 +1,4 @@
-"""Which parts of a mesh the photographs saw, and in what colours."""
+"""Which parts of a mesh the photographs saw, in what colours, and where they saw the surface."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,32 +15,36 @@ from mulan.mission.posed_images import PosedImage
 from mulan.radiance.engine import RadianceEngine
 
 _MOST_CAMERAS = 128
-_TRIES = 3  # cameras a vertex is looked at from before it counts as unseen
+_TRIES = 5  # cameras a vertex is looked at from before it counts as unseen
 _MOST_HIDDEN = 0.5  # opacity between camera and vertex up to which it is seen
+_LEAST_SHARPNESS = 0.7  # of a ray whose surface is believed
 _STAND_OFF = 4.0  # voxels before an unseen vertex where its colour ray begins
 
 
 @dataclass(frozen=True)
-class VertexColours:
+class VertexViews:
     """One entry a vertex.
 
     Attributes:
         colour: What the field shows towards the photograph that looks at it most squarely (sRGB); of unseen
             vertices, what it shows squarely from close by.
         seen: Whether any photograph looked at it.
+        gap_m: How far outwards the surface lies, where half of that photograph's light has stopped; NaN where
+            unseen or where that is two surfaces.
     """
 
     colour: UInt8[NDArray, "v 3"]
     seen: Bool[NDArray, "v"]
+    gap_m: Float[NDArray, "v"]
 
 
-def vertex_colours(
+def vertex_views(
     engine: RadianceEngine,
     mesh: TriangleMesh,
     voxel_m: float,
     images: Sequence[PosedImage],
     progress: Callable[[float, float, str], None],
-) -> VertexColours:
+) -> VertexViews:
     """Look at every vertex from the photographs' places.
 
     A vertex is seen where it faces the camera, lies in its picture, and not half of the light is stopped
@@ -59,19 +63,23 @@ def vertex_colours(
     squarest = _squarest(mesh.position_m, normals, cameras)
     centre_m = np.stack([image.T_world_camera[:3, 3] for image in cameras])
     seen = np.zeros(len(normals), dtype=bool)
-    colour = np.zeros((len(normals), 3), np.uint8)
+    colour, gap_m = np.zeros((len(normals), 3), np.uint8), np.full(len(normals), np.nan)
     for turn, camera in enumerate(squarest.T):
         progress(turn, _TRIES + 1, "what was seen")
         left = np.flatnonzero(~seen & (camera >= 0))
         origin = centre_m[camera[left]]
-        shown, hidden = _look(engine, origin, mesh.position_m[left], voxel_m)
-        visible = hidden < _MOST_HIDDEN
-        seen[left[visible]], colour[left[visible]] = True, shown[visible]
+        look = _look(engine, origin, mesh.position_m[left], voxel_m)
+        visible = look.hidden < _MOST_HIDDEN
+        now = left[visible]
+        seen[now], colour[now] = True, look.colour[visible]
+        gap_m[now] = np.where(
+            look.sharpness[visible] > _LEAST_SHARPNESS, (look.beyond_m[visible] * normals[now]).sum(1), np.nan
+        )
     progress(_TRIES, _TRIES + 1, "colours of what was not")
     rest = np.flatnonzero(~seen)
     origin = mesh.position_m[rest] + _STAND_OFF * voxel_m * normals[rest]
-    colour[rest], _ = _look(engine, origin, mesh.position_m[rest], voxel_m)
-    return VertexColours(colour, seen)
+    colour[rest] = _look(engine, origin, mesh.position_m[rest], voxel_m).colour
+    return VertexViews(colour, seen, gap_m)
 
 
 def _squarest(
@@ -104,12 +112,28 @@ def _in_picture(image: PosedImage, points_m: Float[NDArray, "v 3"]) -> Bool[NDAr
     return inside & (np.hypot(points_camera[:, 0], points_camera[:, 1]) <= -points_camera[:, 2] * diagonal)
 
 
+@dataclass(frozen=True)
+class _Look:
+    """What rays to targets saw.
+
+    Attributes:
+        colour: Of each ray.
+        hidden: Light stopped before the target.
+        sharpness: Share of what was stopped that lies where half is.
+        beyond_m: From the target to where half of the light has stopped, as a world vector.
+    """
+
+    colour: UInt8[NDArray, "v 3"]
+    hidden: Float[NDArray, "v"]
+    sharpness: Float[NDArray, "v"]
+    beyond_m: Float[NDArray, "v 3"]
+
+
 def _look(
     engine: RadianceEngine, origin: Float[NDArray, "v 3"], target: Float[NDArray, "v 3"], voxel_m: float
-) -> tuple[UInt8[NDArray, "v 3"], Float[NDArray, "v"]]:
-    """Colours along rays to targets, and how much of each ray's light is stopped before its target."""
+) -> _Look:
     if not len(origin):
-        return np.zeros((0, 3), np.uint8), np.zeros(0)
+        return _Look(np.zeros((0, 3), np.uint8), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
     towards = target - origin
     distance_m = np.linalg.norm(towards, axis=1)
     direction = towards / np.maximum(distance_m, 1e-9)[:, None]
@@ -120,4 +144,6 @@ def _look(
         torch.from_numpy((distance_m - voxel_m).astype(np.float32)),
     )
     colour = (hits.colour.cpu().numpy() * 255).round().astype(np.uint8)
-    return colour, hits.hidden.double().cpu().numpy()
+    beyond_m = hits.distance_m.double().cpu().numpy() - distance_m
+    hidden, sharpness = (each.double().cpu().numpy() for each in (hits.hidden, hits.sharpness))
+    return _Look(colour, hidden, sharpness, beyond_m[:, None] * direction)
