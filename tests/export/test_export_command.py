@@ -15,13 +15,23 @@ from mulan.mission.nerfstudio import read_transforms, write_transforms
 from mulan.mission.posed_images import PosedImageSet
 from mulan.mission.run_folder import RunFolder, write_json
 from mulan.mission.tum import read_tum
+from mulan.radiance.config import FieldConfig
+from mulan.reconstruction.train_config import TrainConfig
+from mulan.reconstruction.trainer import train
+from mulan.reconstruction.weights import NoWeights
 
 from ..reconstruction.cube_scene import HALF_SIDE_M, cube_images
 from .nerfstudio_rules import check_nerfstudio
 
 TILES = 6
 COLOURS = np.random.default_rng(8).integers(0, 256, (TILES, TILES, TILES, 3), np.uint8)
-FIELD = ("--field.levels", "6", "--field.log2-table-size", "13", "--field.finest-resolution", "64")
+CONFIG = TrainConfig(
+    image_size=48,
+    steps=300,
+    batch_samples=8192,
+    field=FieldConfig(levels=6, log2_table_size=14, finest_resolution=64, width=16),
+)
+SMALL = ("--mesh.resolution", "64", "--points.count", "4000")
 SIGMA = np.diag([0.01, 0.01, 0.02, 0.03, 0.03, 0.05]) ** 2
 
 
@@ -41,9 +51,9 @@ def run(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("cube")
     (folder / "photos").mkdir()
     images = tiled(cube_images(folder / "photos", train=24, test=3, side=48))
-    write_transforms(images, folder / "photos" / "transforms.json")
-    arguments = ["train", str(folder / "run"), "--data", str(folder / "photos"), "--steps", "300"]
-    assert run_command([*arguments, "--image-size", "48", *FIELD]) == 0
+    run = RunFolder(folder / "run")
+    write_transforms(images, run.transforms)
+    train(images, NoWeights(), CONFIG, run)
     return folder / "run"
 
 
@@ -55,7 +65,7 @@ def export(run: Path, out: Path, *to: str, options: tuple[str, ...] = ()) -> Pat
 def test_a_cube_of_one_metre_comes_out_as_one(run, tmp_path):
     trimesh = pytest.importorskip("trimesh")
     pytest.importorskip("skimage")
-    out = export(run, tmp_path, "mesh", "points", options=("--mesh.resolution", "96"))
+    out = export(run, tmp_path, "mesh", "points", options=SMALL)
     mesh = trimesh.load(out / "mesh.ply", process=False)
     cloud = trimesh.load(out / "points.ply")
     for position_m in (mesh.vertices, cloud.vertices):

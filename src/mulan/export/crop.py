@@ -23,7 +23,7 @@ class Box:
 
     def holds(self, points_m: Float[NDArray, "n 3"]) -> Bool[NDArray, "n"]:
         """Which points lie inside."""
-        return ((points_m >= self.low_m) & (points_m <= self.high_m)).all(-1)
+        return np.all((points_m >= self.low_m) & (points_m <= self.high_m), axis=-1)
 
 
 @dataclass(frozen=True)

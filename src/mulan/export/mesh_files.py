@@ -91,7 +91,7 @@ def export_mesh(
     colour, gap_m = views.colour, views.gap_m
     if config.only_seen:
         # a triangle with one seen corner stays: the rim of what was seen is ragged enough
-        mesh, used = kept_faces(mesh, views.seen[mesh.faces].any(1))
+        mesh, used = kept_faces(mesh, np.any(views.seen[mesh.faces], axis=1))
         colour, gap_m = colour[used], gap_m[used]
     if not len(mesh.faces):
         raise InputError(

@@ -88,7 +88,8 @@ def taken(recorded: Recorded, topic: ForeignTopic, config: BagImportConfig) -> l
 
 def _camera_info(message: Any, header: Any) -> Any:
     """ROS 1 writes the matrices' names in capitals."""
-    D, K, R, P = (getattr(message, name, getattr(message, name.upper(), None)) for name in "dkrp")
+    names = "dkrp" if hasattr(message, "k") else "DKRP"
+    D, K, R, P = (getattr(message, name) for name in names)
     return ros.sensor_msgs__msg__CameraInfo(
         header,
         message.height,
