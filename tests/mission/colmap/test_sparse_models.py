@@ -1,6 +1,6 @@
 import struct
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -64,8 +64,9 @@ def test_pycolmap_reads_what_we_write(model, points, tmp_path, as_text):
     by_name = {image.name: image for image in found.images.values()}
     for image in model.images:
         theirs, ours = by_name[image.name], CAMERAS[image.camera_id]
-        pose: Any = theirs.cam_from_world
-        matrix = (pose() if callable(pose) else pose).matrix()
+        pose: Any = theirs.cam_from_world  # a property before pycolmap 3.12
+        pose = pose() if callable(pose) else pose
+        matrix = cast(Any, pose).matrix()
         point_world = image.T_world_camera[:3] @ [0.2, -0.1, -3.0, 1.0]
         # what is seen where: theirs on optical axes, ours on OpenGL axes
         seen = theirs.camera.img_from_cam((matrix @ [*point_world, 1.0]).reshape(1, 3))
