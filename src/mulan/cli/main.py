@@ -16,6 +16,7 @@ from mulan.reconstruction.torchrun import is_leader, place_of_this_process
 COMMANDS = {
     "demo": "Three simulated robots reconstruct a room, from radio to report.",
     "simulate": "Make a mission bag from a 3-D scene or from a posed image set.",
+    "import": "Bring in ROS bags with other topics, COLMAP models, trajectories with images.",
     "run": "Localize, train, plan and report on one bag.",
     "aoa": "Draw where a recording's radio signals come from.",
     "calibrate": "Fit what bearings claim to recordings with known geometry.",
@@ -25,10 +26,14 @@ COMMANDS = {
     "render": "Render views of a trained run.",
     "view": "Walk through a trained run in the browser.",
     "fleet": "Robots and a base station over the network.",
+    "export": "Write a run for nerfstudio, COLMAP, TUM tools, mesh and video programs.",
     "evaluate": "Run the experiments behind the published numbers.",
     "report": "Write a run's report page.",
     "doctor": "Say what this machine has and what a missing part costs.",
 }
+
+
+_MODULES = {"import": "importing"}  # Python keeps some words to itself
 
 
 def print_overview() -> None:
@@ -55,7 +60,7 @@ def run_command(arguments: Sequence[str]) -> int:
         raise InputError("mulan", f"command '{name}'", "is unknown", "see 'mulan --help'")
     if name != "train" and place_of_this_process() is not None:
         raise InputError("torchrun", f"command '{name}'", "runs in one process", "start it without torchrun")
-    return importlib.import_module(f"mulan.cli.{name}").main(rest)
+    return importlib.import_module(f"mulan.cli.{_MODULES.get(name, name)}").main(rest)
 
 
 def main() -> None:

@@ -32,7 +32,15 @@ def read_mission(path: Path) -> Mission:
     namespaces = [*robots, messages.HELD_OUT]
     types = {topic.of(name): topic.msgtype for name in namespaces for topic in messages.ROBOT_TOPICS}
     types |= {messages.TF_STATIC: messages.TF_STATIC_TYPE, messages.ROBOTS: messages.ROBOTS_TYPE}
-    bag = bag_topics.load(path, types)
+    return mission_of(bag_topics.load(path, types), robots)
+
+
+def mission_of(bag: BagTopics, robots: list[str]) -> Mission:
+    """The mission of messages under the names a mission bag gives them.
+
+    Raises:
+        InputError: As :func:`read_mission`.
+    """
     mounts = Mounts.of(bag)
     needs_wifi = any(bag.has(messages.CSI.of(name)) for name in robots)
     needs_uwb = any(bag.has(messages.RANGE.of(name)) for name in robots)

@@ -49,10 +49,17 @@ def read_transforms(path: Path) -> PosedImageSet:
     return PosedImageSet(tuple(train), tuple(test), path)
 
 
-def write_transforms(images: PosedImageSet, path: Path) -> None:
+def write_transforms(images: PosedImageSet, path: Path, points_file: Path | None = None) -> None:
     """Write an image set as ``transforms.json``; image paths are relative to it.
 
-    Intrinsics stand once where all cameras agree, else in each frame.
+    Intrinsics stand once where all cameras agree, else in each frame. Test frames are named as validation
+    frames too, since nerfstudio refuses a file that names some splits but not all; without test frames
+    none is named.
+
+    Args:
+        images: The set.
+        path: Target.
+        points_file: Point cloud in the same frame, for trainers that begin from points.
 
     Raises:
         InputError: The disk is full or the folder cannot be written.
@@ -63,8 +70,15 @@ def write_transforms(images: PosedImageSet, path: Path) -> None:
     record: dict[str, Any] = {"camera_model": "OPENCV"}
     record |= _camera_fields(cameras[0]) if shared else {}
     record["pose_covariance_convention"] = COVARIANCE_CONVENTION
-    record["train_filenames"] = [_relative(image, path) for image in images.train]
-    record["test_filenames"] = [_relative(image, path) for image in images.test]
+    if points_file is not None:
+        record["ply_file_path"] = _relative(points_file, path)
+    if images.test:
+        splits = {
+            "train_filenames": images.train,
+            "val_filenames": images.test,
+            "test_filenames": images.test,
+        }
+        record |= {key: [_relative(image.path, path) for image in split] for key, split in splits.items()}
     record["frames"] = [_write_frame(image, path, shared) for image in everything]
     run_folder.write_json(path, record)
 
@@ -144,13 +158,13 @@ def _camera_fields(camera: PinholeCamera) -> dict[str, Any]:
     }
 
 
-def _relative(image: PosedImage, path: Path) -> str:
-    return Path(os.path.relpath(image.path.resolve(), path.parent.resolve())).as_posix()
+def _relative(file: Path, path: Path) -> str:
+    return Path(os.path.relpath(file.resolve(), path.parent.resolve())).as_posix()
 
 
 def _write_frame(image: PosedImage, path: Path, shared: bool) -> dict[str, Any]:
     frame: dict[str, Any] = {
-        "file_path": _relative(image, path),
+        "file_path": _relative(image.path, path),
         "transform_matrix": image.T_world_camera.tolist(),
     }
     if not shared:

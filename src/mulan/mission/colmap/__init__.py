@@ -1,0 +1,1 @@
+"""Sparse models of COLMAP: cameras, posed images, points; binary and text (colmap.github.io/format.html)."""
