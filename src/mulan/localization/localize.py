@@ -71,7 +71,7 @@ class _TeamPoses:
             for keyframe, by in zip(beside[2 * i : 2 * i + 2], (pose.by_before, pose.by_after), strict=True):
                 # at a keyframe both are the same one and the second derivative is zero
                 J[6 * i : 6 * i + 6, row[keyframe] : row[keyframe] + 6] += by
-        return J @ self._learned.marginals.joint_of_many(unique) @ J.T + block_diag(*own)
+        return J @ self._learned.marginals.joint_of_many(unique) @ J.T + np.asarray(block_diag(*own))
 
 
 def localize_from_measurements(

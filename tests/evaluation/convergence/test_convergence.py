@@ -1,4 +1,6 @@
 import json
+from collections.abc import Mapping
+from typing import Any
 
 import pytest
 
@@ -22,8 +24,8 @@ BRIEF = RefinementConfig(
 needs_native = pytest.mark.skipif(find_native_library()[0] is None, reason="slow without the native engine")
 
 
-def attempt(ours, doubted=()):
-    figures = {"A": {"psnr_db": 32.0}, "B": {"psnr_db": 20.0}}
+def attempt(ours, doubted=()) -> Mapping[str, Any]:
+    figures: dict[str, Any] = {"A": {"psnr_db": 32.0}, "B": {"psnr_db": 20.0}}
     figures["ours"] = {"psnr_db": ours, "camera_median_m": 0.01, "doubted": list(doubted)}
     return figures
 

@@ -82,7 +82,7 @@ def _start_images(
     conditional = _conditional_blocks(state.prior)[chosen]
     root = np.linalg.cholesky(conditional + 1e-14 * np.eye(6))
     noise = generator.standard_normal((starts, len(chosen), 6))
-    noise[1::2] *= config.wide  # a third of a per cent lies beyond three sigmas
+    noise[1::2] *= config.wide  # one image in fifty lies beyond 2.3 sigmas
     T = centre @ se3.exp((root @ noise[..., None])[..., 0])
     T[0] = state.T[chosen]
     image = state.image[chosen]
