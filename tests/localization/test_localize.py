@@ -79,6 +79,27 @@ def test_covariance_is_honest_the_error_is_what_it_allows_and_outliers_cost_litt
     assert rms["0.2"] < 1.4 * rms["0.0"]
 
 
+def test_joint_covariance_agrees_with_that_of_each_photograph_and_of_pairs():
+    localization, _ = run(0, bearings=8, ranges=25)
+    joint = localization.joint_covariance
+    assert joint is not None
+    n = len(joint) // 6
+    blocks = joint.reshape(n, 6, n, 6)
+    each = np.concatenate([t.covariance for t in localization.trajectories.values()])
+    np.testing.assert_allclose(np.einsum("iaib->iab", blocks), each, rtol=1e-3, atol=1e-3 * each.max())
+    # neighbours drifted together, so they know their place beside each other far better than in the world
+    beta = list(localization.trajectories).index("beta") * (n // len(localization.trajectories))
+    own, step = blocks[beta + 5, 3:, beta + 5, 3:], np.zeros((3, 3))
+    T = localization.trajectories["beta"].T_world_body[[5, 6]]
+    A = se3.adjoint(se3.inverse(T[1]) @ T[0])[3:]
+    for a, i in ((A, beta + 5), (-np.eye(6)[3:], beta + 6)):
+        for b, j in ((A, beta + 5), (-np.eye(6)[3:], beta + 6)):
+            step += a @ blocks[i, :, j, :] @ b.T
+    assert np.trace(step) < 0.3 * np.trace(own)
+    few = replace(LocalizationConfig(), most_joint_photographs=3)
+    assert run(0, few, bearings=8, ranges=25)[0].joint_covariance is None
+
+
 def test_outliers_are_told_from_good_bearings():
     rng = np.random.default_rng(3)
     robots = make_team(rng, n=50)

@@ -53,6 +53,23 @@ def test_an_image_set_comes_back_as_written(tmp_path):
     assert record["test_filenames"] == ["images/r3/000003.jpg"]
 
 
+def test_a_joint_covariance_comes_back_and_a_lost_one_is_told(tmp_path):
+    images = image_set(tmp_path, [LENS] * 4)
+    root = np.random.default_rng(1).normal(size=(12, 12))
+    images = replace(images, joint_pose_covariance=root @ root.T)
+    write_transforms(images, images.source)
+    np.testing.assert_array_equal(
+        read_transforms(images.source).joint_pose_covariance, images.joint_pose_covariance
+    )
+    beside = tmp_path / "transforms_joint_covariance.safetensors"
+    write_transforms(replace(images, joint_pose_covariance=np.eye(6)), images.source)
+    with pytest.raises(InputError, match=r"6 x 6.*12 x 12 belongs"):
+        read_transforms(images.source)
+    beside.unlink()
+    with pytest.raises(InputError, match=r"cannot be read.*copy it along"):
+        read_transforms(images.source)
+
+
 def test_cameras_that_differ_are_written_a_frame(tmp_path):
     images = image_set(tmp_path, [LENS, replace(LENS, fx=9.0), LENS, replace(LENS, k1=0.0)])
     write_transforms(images, images.source)

@@ -118,6 +118,12 @@ def train_run(
     if "median_correction_m" in metrics:
         moved_cm = 100 * metrics["median_correction_m"]
         console.print(f"Poses corrected by {moved_cm:.1f} cm (median): [bold]{run.root / REFINED}[/]")
+    if doubted := metrics.get("doubted"):
+        shown = ", ".join(doubted[:5]) + (", …" if len(doubted) > 5 else "")
+        console.print(
+            f"[yellow]Could not converge:[/] {len(doubted)} images fit nowhere near where localization has "
+            f"them and were left out ({shown}); localize more precisely, or look whether they show the scene"
+        )
 
 
 def _page(

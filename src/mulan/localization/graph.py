@@ -60,6 +60,9 @@ class LocalizationConfig:
     """Photographs nearer than this (and than the next) to the last keyframe get interpolated poses."""
     photo_keyframe_every_s: float = 0.0
     """The same in seconds; zero in either makes every photograph a keyframe."""
+    most_joint_photographs: int = 400
+    """The covariance of all photographs together, which refining their poses needs, is kept up to so many:
+    its size grows with their square."""
 
 
 @dataclass(frozen=True)

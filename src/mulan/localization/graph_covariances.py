@@ -96,7 +96,7 @@ class GraphCovariances:
     def covariance(self, key: int) -> Float[NDArray, "d d"]:
         """Marginal covariance of one variable."""
         rows, covariance = self._row[key]
-        return covariance[:, rows[key]] + self._spread([key])
+        return covariance[:, rows[key]] + self.spread([key])
 
     def joint(self, keys: Sequence[int]) -> Float[NDArray, "d d"]:
         """Joint covariance of variables in the order given; each only once."""
@@ -105,12 +105,12 @@ class GraphCovariances:
             found = [self._block(a, b) for b in keys]
             row = [block for block in found if block is not None]
             if len(row) < len(found):
-                return self._far_joint(keys) + self._spread(keys)
+                return self._far_joint(keys) + self.spread(keys)
             rows.append(row)
-        return np.block(rows) + self._spread(keys)
+        return np.block(rows) + self.spread(keys)
 
-    def _spread(self, keys: Sequence[int]) -> Float[NDArray, "d d"] | float:
-        """Of the modes about their mean."""
+    def spread(self, keys: Sequence[int]) -> Float[NDArray, "d d"] | float:
+        """Covariance of the modes about their mean."""
         total: Float[NDArray, "d d"] | float = 0.0
         for weight, values in self._modes:
             shift = np.concatenate([moved(self._values, values, key) for key in keys])

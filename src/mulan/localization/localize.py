@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from mulan.errors import InputError
 from mulan.geometry import se3
@@ -56,6 +57,22 @@ class _TeamPoses:
             np.array(covariance, dtype=float).reshape(-1, 6, 6),
         )
 
+    def joint_covariance(self, photographs: Sequence[tuple[str, float]]) -> Float[NDArray, "d d"]:
+        """Covariance of poses at many instants (robot, time) together, six rows each."""
+        poses = [self.at(name, time_s) for name, time_s in photographs]
+        beside = [
+            (name, int(i)) for (name, _), pose in zip(photographs, poses, strict=True) for i in pose.indices
+        ]
+        unique = list(dict.fromkeys(beside))
+        row = {keyframe: 6 * i for i, keyframe in enumerate(unique)}
+        J, own = np.zeros((6 * len(poses), 6 * len(unique))), np.zeros((len(poses), 6, 6))
+        for i, pose in enumerate(poses):
+            own[i] = pose.own_covariance
+            for keyframe, by in zip(beside[2 * i : 2 * i + 2], (pose.by_before, pose.by_after), strict=True):
+                # at a keyframe both are the same one and the second derivative is zero
+                J[6 * i : 6 * i + 6, row[keyframe] : row[keyframe] + 6] += by
+        return J @ self._learned.marginals.joint_of_many(unique) @ J.T + np.asarray(block_diag(*own))
+
 
 def localize_from_measurements(
     robots: Sequence[RobotLog],
@@ -78,6 +95,10 @@ def localize_from_measurements(
     poses = _TeamPoses(placed, learned, config)
     bearing_inlier = np.zeros(len(trusted.bearings))
     bearing_inlier[trusted.is_kept] = learned.solution.bearing_inlier
+    photographs = [(robot.name, float(t)) for robot in placed for t in robot.photo_time_s]
+    joint = None
+    if 0 < len(photographs) <= config.most_joint_photographs:
+        joint = poses.joint_covariance(photographs)
     return Localization(
         anchor=robots[0].name,
         trajectories={robot.name: poses.trajectory(robot.name, robot.photo_time_s) for robot in placed},
@@ -93,6 +114,7 @@ def localize_from_measurements(
         suspects=trusted.suspects,
         relative_poses=relative_poses(placed, trusted.bearings, poses.at, learned.marginals.joint),
         odometry=learned.corrections,
+        joint_covariance=joint,
     )
 
 

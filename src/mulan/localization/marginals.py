@@ -32,7 +32,7 @@ class TeamMarginals:
         side_response: Float[NDArray, "n s"] | None = None,
         side_covariance: Float[NDArray, "s s"] | None = None,
     ) -> None:
-        self._graph = graph
+        self._graph, self._solution = graph, solution
         self._marginals = GraphCovariances(solution.graph, solution.values, solution.other_modes)
         self._column = columns(solution.values)
         self._response, self._side = side_response, side_covariance
@@ -46,6 +46,19 @@ class TeamMarginals:
         rows = np.concatenate([np.arange(self._column[key], self._column[key] + 6) for key in keys])
         response = self._response[rows]
         return covariance + response @ self._side @ response.T
+
+    def joint_of_many(self, keyframes: Sequence[tuple[str, int]]) -> Float[NDArray, "d d"]:
+        """The same for any number of keyframes in one solve; each may come more than once."""
+        keys = [self._graph.key(robot, index) for robot, index in keyframes]
+        rows = np.concatenate([np.arange(self._column[key], self._column[key] + 6) for key in keys])
+        values = self._solution.values
+        units = np.zeros((values.dim(), len(rows)))
+        units[rows, np.arange(len(rows))] = 1
+        covariance = solve_normal_equations(self._solution.graph, values, units)[rows]
+        covariance = (covariance + covariance.T) / 2 + self._marginals.spread(keys)
+        if self._response is None or self._side is None:
+            return covariance
+        return covariance + self._response[rows] @ self._side @ self._response[rows].T
 
 
 def columns(values: gtsam.Values) -> dict[int, int]:

@@ -50,6 +50,11 @@ def localized_images(
     train: list[PosedImage] = []
     test = list(held_out_images(mission, files, T_world_truth)) if T_world_truth is not None else []
     own_test = bool(test)
+    before, photograph, adjoint = (
+        0,
+        [],
+        [],
+    )  # where those to learn from are among all, and how bodies move them
     for robot in mission.robots:
         trajectory = localization.trajectories.get(robot.name)
         if trajectory is None:
@@ -64,4 +69,13 @@ def localized_images(
             )
             held_out = not own_test and hold_out_every > 0 and i % hold_out_every == hold_out_every // 2
             (test if held_out else train).append(image)
-    return PosedImageSet(tuple(train), tuple(test), files[mission.robots[0].name][0].parent.parent)
+            if not held_out:
+                photograph.append(before + i)
+                adjoint.append(se3.adjoint(se3.inverse(robot.T_body_camera)))
+        before += len(files[robot.name])
+    joint = None
+    if localization.joint_covariance is not None and photograph:
+        n, A = len(localization.joint_covariance) // 6, np.stack(adjoint)
+        bodies = localization.joint_covariance.reshape(n, 6, n, 6)[photograph][:, :, photograph]
+        joint = np.einsum("iab,ibjc,jdc->iajd", A, bodies, A, optimize=True).reshape(6 * len(A), 6 * len(A))
+    return PosedImageSet(tuple(train), tuple(test), files[mission.robots[0].name][0].parent.parent, joint)

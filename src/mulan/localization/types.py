@@ -66,6 +66,8 @@ class Localization:
         suspects: Robots whose measurements were set aside as a whole, the surest first.
         relative_poses: Of every pair of placed robots, at instants spread over the mission, the last its end.
         odometry: What was learned about each robot's odometry.
+        joint_covariance: Of the body poses at all photographs together, in the order of ``trajectories``;
+            None if there are more than ``LocalizationConfig.most_joint_photographs``.
     """
 
     anchor: str
@@ -79,6 +81,7 @@ class Localization:
     suspects: tuple[Suspect, ...] = ()
     relative_poses: tuple[RelativePose, ...] = ()
     odometry: Mapping[str, OdometryCorrection] = field(default_factory=dict)
+    joint_covariance: Float[NDArray, "d d"] | None = None
 
     def require_any_placed(self) -> None:
         """Nothing to do if a robot beside the anchor was placed, or there is only the anchor.

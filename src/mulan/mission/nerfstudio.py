@@ -6,6 +6,11 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+from safetensors import SafetensorError
+from safetensors.numpy import load_file, save_file
+
 from mulan.errors import InputError
 from mulan.geometry.camera import PinholeCamera
 from mulan.mission import json_fields, pixels, run_folder
@@ -17,6 +22,7 @@ _INTRINSICS = {"width": "w", "height": "h", "fx": "fl_x", "fy": "fl_y", "cx": "c
 _DISTORTION = ("k1", "k2", "p1", "p2", "k3")
 # COLMAP's models that are OPENCV with some coefficients zero
 _CAMERA_MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
+_JOINT = "joint_pose_covariance"
 COVARIANCE_CONVENTION = (
     "6x6 over (rotation rad, translation m), right perturbation: transform_matrix @ exp(xi), "
     "OpenGL camera axes"
@@ -27,9 +33,9 @@ def read_transforms(path: Path) -> PosedImageSet:
     """Read a ``transforms.json``.
 
     Intrinsics may stand once or in each frame. ``robot_id``, ``timestamp`` and ``pose_covariance`` are read
-    where frames have them. Frames named in ``test_filenames`` are held out; where ``train_filenames`` is
-    given too, frames in neither list (validation) are left out. Without the lists all frames are for
-    training.
+    where frames have them, and the file that ``joint_pose_covariance`` names. Frames named in
+    ``test_filenames`` are held out; where ``train_filenames`` is given too, frames in neither list
+    (validation) are left out. Without the lists all frames are for training.
 
     Raises:
         InputError: A file, image, pose or focal length is missing or cannot be used, or the lens is no
@@ -46,7 +52,7 @@ def read_transforms(path: Path) -> PosedImageSet:
             test.append(_read_frame(record, frame, path))
         elif train_names is None or name in train_names:
             train.append(_read_frame(record, frame, path))
-    return PosedImageSet(tuple(train), tuple(test), path)
+    return PosedImageSet(tuple(train), tuple(test), path, _read_joint(record, train, path))
 
 
 def write_transforms(images: PosedImageSet, path: Path, points_file: Path | None = None) -> None:
@@ -54,7 +60,7 @@ def write_transforms(images: PosedImageSet, path: Path, points_file: Path | None
 
     Intrinsics stand once where all cameras agree, else in each frame. Test frames are named as validation
     frames too, since nerfstudio refuses a file that names some splits but not all; without test frames
-    none is named.
+    none is named. A joint covariance goes to a file beside it, ``<name>_joint_covariance.safetensors``.
 
     Args:
         images: The set.
@@ -80,6 +86,11 @@ def write_transforms(images: PosedImageSet, path: Path, points_file: Path | None
         }
         record |= {key: [_relative(image.path, path) for image in split] for key, split in splits.items()}
     record["frames"] = [_write_frame(image, path, shared) for image in everything]
+    if images.joint_pose_covariance is not None:
+        beside = path.with_name(f"{path.stem}_joint_covariance.safetensors")
+        tensors = {_JOINT: np.ascontiguousarray(images.joint_pose_covariance, dtype=np.float64)}
+        run_folder.write_atomically(beside, lambda temporary: save_file(tensors, temporary))
+        record[_JOINT] = beside.name
     run_folder.write_json(path, record)
 
 
@@ -110,6 +121,26 @@ def _read_frame(record: dict[str, Any], frame: dict[str, Any], path: Path) -> Po
         robot_id=robot_id,
         timestamp_s=json_fields.number(frame, "timestamp", path, f"{name}: "),
     )
+
+
+def _read_joint(record: dict[str, Any], train: list[PosedImage], path: Path) -> NDArray[np.float64] | None:
+    """Covariance of all uncertain training images together, from the file beside."""
+    name = record.get(_JOINT)
+    if name is None:
+        return None
+    if not isinstance(name, str) or Path(name).name != name:
+        raise InputError(path, _JOINT, f"is {name!r}, no name of a file beside it", "remove the field")
+    try:
+        joint = load_file(path.with_name(name))[_JOINT].astype(np.float64)
+    except (OSError, SafetensorError, KeyError) as error:
+        remedy = f"copy it along, or remove {_JOINT} from {path.name}"
+        raise InputError(path.with_name(name), "file", f"cannot be read ({error})", remedy) from error
+    size = 6 * sum(image.pose_covariance is not None for image in train)
+    if joint.shape != (size, size) or not np.isfinite(joint).all():
+        problem = f"is {' x '.join(map(str, joint.shape))}, or not finite, where {size} x {size} belongs"
+        remedy = f"write the set again, or remove {_JOINT} from {path.name}"
+        raise InputError(path.with_name(name), _JOINT, problem, remedy)
+    return joint
 
 
 def _read_camera(fields: dict[str, Any], file: Path, path: Path) -> PinholeCamera:

@@ -11,7 +11,7 @@ from mulan.mission.posed_images import PosedImage, PosedImageSet
 from mulan.mission.run_folder import RunFolder, read_json, write_json
 from mulan.reconstruction.held_out import evaluate_held_out
 from mulan.reconstruction.process_group import ProcessGroup
-from mulan.reconstruction.refinement.refine import median_correction_m, refine_and_train
+from mulan.reconstruction.refinement.refine import image_names, median_correction_m, refine_and_train
 from mulan.reconstruction.refinement.refinement_config import RefinementConfig
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.trainer import TrainingStatus, train
@@ -43,7 +43,7 @@ def reconstruct(
     Returns:
         What it writes to metrics.json: ``psnr_db``, ``ssim`` (None without held-out views), ``views``,
         ``train_seconds``, ``steps``, ``samples_per_s``, ``made_from``; with refinement also
-        ``registration_seconds`` and ``median_correction_m``.
+        ``registration_seconds``, ``median_correction_m`` and ``doubted``, the names of the images left out.
 
     Raises:
         InputError: See :func:`mulan.reconstruction.trainer.train`; or several processes were to refine poses.
@@ -80,6 +80,7 @@ def reconstruct(
         metrics |= {
             "registration_seconds": refined.registration_seconds,
             "median_correction_m": median_correction_m(images, refined.images),
+            "doubted": image_names(refined.doubted),
         }
     else:
         result = train(images, weighting, config, run, follow, group)

@@ -36,8 +36,25 @@ def test_a_robot_turned_as_a_whole_costs_what_its_turn_deserves(turn_rad):
     prior = joint_prior(np.random.default_rng(2))
     twist = np.array([0, 0, turn_rad, 0.1, -0.05, 0.02])
     residual = prior.residual(se3.exp(twist) @ prior.T_world_camera).reshape(-1)
-    cost = residual @ prior.precision() @ residual
+    cost = residual @ prior.precision @ residual
     assert cost == pytest.approx(np.sum((twist / 0.1) ** 2), rel=1e-2)
+
+
+def test_a_first_pose_known_exactly_does_not_blur_what_is_known_of_the_last():
+    """As the graph's joint covariance of an anchor: nothing to ten centimetres, along one walk."""
+    rng = np.random.default_rng(6)
+    walk = np.tril(np.ones((12, 12)))
+    covariance = np.kron(walk @ walk.T, 1e-4 * np.eye(6))
+    covariance[:6] = covariance[:, :6] = 0
+    prior = PosePrior(far_poses(rng), np.zeros(12, dtype=int), covariance)
+    root = prior.root
+    assert np.allclose(root @ root.T, covariance, atol=1e-12)
+    x = np.zeros(72)
+    x[6:] = 0.01 * rng.normal(size=66)
+    rest = np.linalg.inv(covariance[6:, 6:])
+    assert x @ prior.precision @ x == pytest.approx(x[6:] @ rest @ x[6:], rel=1e-4)
+    kept = np.arange(12) > 3
+    assert np.array_equal(prior.subset(kept).covariance, covariance[24:, 24:])
 
 
 def test_moved_undoes_residual():

@@ -7,12 +7,13 @@ import pytest
 
 from mulan.geometry import se3
 from mulan.mission.nerfstudio import read_transforms
+from mulan.mission.pixels import encode_png
 from mulan.mission.posed_images import PosedImageSet
 from mulan.mission.run_folder import RunFolder
 from mulan.radiance.kernels.native_library import find_native_library
 from mulan.reconstruction.captured_image import load_captured
 from mulan.reconstruction.refinement.anchored import anchored_images
-from mulan.reconstruction.refinement.refine import refine_and_train
+from mulan.reconstruction.refinement.refine import image_names, refine_and_train
 from mulan.reconstruction.refinement.refinement_config import CoarseStage, RefinementConfig
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.weights import NoWeights
@@ -74,6 +75,18 @@ def test_poses_come_right_while_the_field_is_learnt(uncertain, tmp_path):
     written = read_transforms(run.root / "transforms_refined.json")
     assert np.allclose(written.train[1].T_world_camera, refined.images.train[1].T_world_camera)
     assert written.train[1].pose_covariance is not None
+    assert refined.doubted == ()
+    # a cube of 40 pixels, 200 steps: the covariance must be of the error's order, not a hundredth of it
+    errors = [
+        se3.log(se3.inverse(i.T_world_camera) @ T)
+        for i, T in zip(refined.images.train[1::2], true, strict=True)
+    ]
+    believed = [image.pose_covariance for image in refined.images.train[1::2]]
+    nees = [
+        xi @ np.linalg.solve(cov, xi) / 6 for xi, cov in zip(errors, believed, strict=True) if cov is not None
+    ]
+    assert len(nees) == 12
+    assert 0.1 < np.mean(nees) < 4
 
 
 @needs_native
@@ -94,6 +107,29 @@ def test_a_stopped_refinement_goes_on_to_the_same_end(uncertain, tmp_path):
         refined = refine_and_train(images, NoWeights(), CONFIG, QUICK, run, lambda *_: None)
         ends.append(np.stack([image.T_world_camera for image in refined.images.train]))
     assert np.array_equal(*ends)
+
+
+@needs_native
+def test_an_image_of_something_else_is_left_out_and_named(uncertain, tmp_path):
+    images, _ = uncertain
+    odd = images.train[3]
+    noise = np.random.default_rng(1).integers(0, 255, (40, 40, 4), dtype=np.uint8)
+    noise[..., 3] = 255
+    path = tmp_path / "elsewhere.png"
+    path.write_bytes(encode_png(noise))
+    train_images = list(images.train)
+    train_images[3] = replace(odd, path=path)
+    run = RunFolder(tmp_path / "run")
+    run.root.mkdir()
+    mixed = replace(images, train=tuple(train_images))
+    refined = refine_and_train(mixed, NoWeights(), CONFIG, QUICK, run, lambda *_: None)
+    assert [image.path for image in refined.doubted] == [path]
+    assert image_names(refined.doubted) == ["beta/elsewhere.png"]
+    assert np.array_equal(refined.images.train[3].T_world_camera, odd.T_world_camera)
+    kept = refined.images.train[3].pose_covariance
+    assert kept is not None
+    assert np.array_equal(kept, np.diag(SIGMA**2))
+    assert np.isfinite(refined.training.history[-1]["train_psnr_db"])
 
 
 def test_exact_poses_are_left_alone(tmp_path):

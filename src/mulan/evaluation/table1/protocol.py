@@ -93,7 +93,9 @@ def table1(
             figures[setup.name] = found = trained_setup(
                 setup, team, training, _folder(folder, setup), judges, progress
             )
-            say(f"seed {seed}, {setup.title}: {found['psnr_db']:.2f} dB")
+            doubted = len(found["doubted"])
+            told = f", {doubted} images could not be registered and were left out" if doubted else ""
+            say(f"seed {seed}, {setup.title}: {found['psnr_db']:.2f} dB{told}")
             write()
     write()
     draw_bars(metrics, TITLES, run.root / BARS)

@@ -21,6 +21,7 @@ from mulan.reconstruction.captured_image import CapturedImage
 from mulan.reconstruction.dataset import ImageTensors
 from mulan.reconstruction.held_out import ViewJudge, evaluate_held_out, psnr_db
 from mulan.reconstruction.reconstruct import fingerprint
+from mulan.reconstruction.refinement.refine import image_names
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.trainer import TrainingResult, TrainingStatus, train
 
@@ -64,14 +65,15 @@ def trained_setup(
     Returns:
         What it writes to the folder's metrics.json: means over the views (``psnr_db`` raw,
         ``aligned_psnr_db``), camera errors, ``train_seconds``, ``wall_seconds`` (reading files and preparing
-        poses included, scoring excluded), ``steps``, ``views``, ``made_from``.
+        poses included, scoring excluded), ``steps``, ``views``, ``doubted`` (images refinement left out),
+        ``made_from``.
 
     Raises:
         InputError: See :func:`mulan.reconstruction.trainer.train`.
     """
     run.check_writable()
     began = time.perf_counter()
-    training, ended_with, registration_s = _learn(setup, setup.images(team), config, run, progress)
+    training, ended_with, registration_s, doubted = _learn(setup, setup.images(team), config, run, progress)
     wall_s = time.perf_counter() - began
     progress(1, 1, "rendering held-out views")
     write_transforms(ended_with, run.transforms)
@@ -82,6 +84,7 @@ def trained_setup(
         "train_seconds": training.seconds + registration_s,
         "wall_seconds": wall_s,
         "steps": training.steps,
+        "doubted": doubted,
         "made_from": made_from(setup, team, config),
     }
     figures["aligned_psnr_db"] = aligned_psnr_db(training, team.true, ended_with, figures["psnr_db"])
@@ -91,16 +94,17 @@ def trained_setup(
 
 def _learn(
     setup: Setup, images: PosedImageSet, config: TrainConfig, run: RunFolder, progress: Progress
-) -> tuple[TrainingResult, PosedImageSet, float]:
-    """The field, the poses it ended with, and the seconds spent on poses before it was begun."""
+) -> tuple[TrainingResult, PosedImageSet, float, list[str]]:
+    """The field, the poses it ended with, seconds spent on poses before it was begun, images left out."""
     if setup.refines:
         refined = train_refined(images, setup.weighting, config, run, progress)
-        return refined.training, refined.images, refined.registration_seconds
+        names = image_names(refined.doubted)
+        return refined.training, refined.images, refined.registration_seconds, names
 
     def follow(status: TrainingStatus) -> None:
         progress(status.fraction_done, 1, f"train {status.train_psnr_db:.1f} dB, {status.steps} steps")
 
-    return train(images, setup.weighting, config, run, follow), images, 0.0
+    return train(images, setup.weighting, config, run, follow), images, 0.0, []
 
 
 def aligned_psnr_db(

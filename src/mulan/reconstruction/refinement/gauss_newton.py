@@ -1,6 +1,7 @@
 """Most probable camera poses before a field that is held still: photographs and prior together."""
 
 from dataclasses import dataclass
+from dataclasses import field as dataclass_field
 
 import numpy as np
 import torch
@@ -12,6 +13,7 @@ from mulan.radiance.engine import RadianceEngine
 from mulan.reconstruction.posed_pixels import PosedPixels
 from mulan.reconstruction.refinement.compared_pixels import ComparedPixels
 from mulan.reconstruction.refinement.photometric import (
+    PhotometricTerms,
     photometric_cost,
     photometric_terms,
 )
@@ -31,6 +33,8 @@ class PoseState:
         T: Poses now.
         damping: Levenberg-Marquardt's, of each image.
         sigma: Robust residual of each image at the last step; infinite before the first.
+        T_world_field: Where the field that registration looks at lies in the world. It begins at home and
+            moves if no image is exact: the poses and the field move together at no cost but the prior's.
     """
 
     image: Int[NDArray, "n"]
@@ -38,6 +42,7 @@ class PoseState:
     T: Float[NDArray, "n 4 4"]
     damping: Float[NDArray, "n"]
     sigma: Float[NDArray, "n"]
+    T_world_field: Float[NDArray, "4 4"] = dataclass_field(default_factory=lambda: np.eye(4))
 
     @staticmethod
     def at_prior(image: Int[NDArray, "n"], prior: PosePrior) -> "PoseState":
@@ -47,10 +52,19 @@ class PoseState:
             image, prior, prior.T_world_camera.copy(), np.full(n, _FIRST_DAMPING), np.full(n, np.inf)
         )
 
+    def subset(self, kept: Bool[NDArray, "n"], image: Int[NDArray, "k"]) -> "PoseState":
+        """Some of the images, by their numbers in a set without the others."""
+        prior, T = self.prior.subset(kept), self.T[kept]
+        return PoseState(image, prior, T, self.damping[kept], self.sigma[kept], self.T_world_field)
+
+    def in_field(self, T_world_camera: Float[NDArray, "*b 4 4"]) -> Float[NDArray, "*b 4 4"]:
+        """Poses as the field's frame has them."""
+        return se3.inverse(self.T_world_field) @ T_world_camera
+
     def place(self, data: PosedPixels) -> None:
         """Make a set of photographs learn from these poses."""
         poses = data.T_world_camera.clone()
-        poses[torch.from_numpy(self.image)] = torch.from_numpy(self.T).float().to(poses.device)
+        poses[torch.from_numpy(self.image)] = torch.from_numpy(self.in_field(self.T)).float().to(poses.device)
         data.T_world_camera = poses
 
 
@@ -62,8 +76,15 @@ def gauss_newton_step(
     pixels_a_residual: float,
     generator: torch.Generator,
     step_share: float = 1.0,
+    frame_is_free: bool = False,
 ) -> Bool[NDArray, "n"]:
     """Move every pose once; each image's move is kept only if its own cost falls on the same pixels.
+
+    Where errors are joint that of a robot's images together counts: one that stayed would hold back all
+    the others, which are tied to it.
+
+    If no image is exact, one that localization knows well cannot pull the field to itself: all the others
+    hold it. A free frame lets field and poses move together, as the prior of such an image asks.
 
     Args:
         field: What the cameras look at.
@@ -73,45 +94,40 @@ def gauss_newton_step(
         pixels_a_residual: Neighbouring pixels whose residuals agree, as an area.
         generator: Source of randomness.
         step_share: Share of the step taken; below 1 later steps average the noise of their draws.
+        frame_is_free: Whether the field's place in the world is one more unknown.
 
     Returns:
         Which moves were kept.
     """
     data, draw = compared.data, compared.draw(state.image, rays, pixels_a_residual, generator)
-    terms = photometric_terms(field, data, draw, state.T)
-    precision, residual = state.prior.precision(), state.prior.residual(state.T)
+    terms = photometric_terms(field, data, draw, state.in_field(state.T))
+    precision, residual = state.prior.precision, state.prior.residual(state.T)
     pull = _times(precision, residual)
-    step = _solve(terms.information, state.damping, precision, terms.gradient + pull)
+    if frame_is_free:
+        step, shift = _solve_with_frame(terms, state, precision, pull)
+        T_world_field = se3.exp(-step_share * shift) @ state.T_world_field
+    else:
+        step = _solve(terms.information, state.damping, precision, terms.gradient + pull)
+        T_world_field = state.T_world_field
     T = state.T @ se3.exp(-step_share * step)
     moved = state.prior.residual(T)
     before = terms.cost + 0.5 * (residual * pull).sum(1)
-    after = photometric_cost(field, data, draw, T, terms.sigma) + 0.5 * (
+    seen = se3.inverse(T_world_field) @ T
+    after = photometric_cost(field, data, draw, seen, terms.sigma) + 0.5 * (
         moved * _times(precision, moved)
     ).sum(1)
-    kept = after <= before
-    state.T = np.where(kept[:, None, None], T, state.T)
+    kept = _by_robot(state.prior, before - after) >= 0
+    # those that stay where they were before the field go where it goes
+    along = T_world_field @ state.in_field(state.T)
+    state.T, state.T_world_field = np.where(kept[:, None, None], T, along), T_world_field
     state.damping = np.clip(np.where(kept, state.damping / 4, state.damping * 8), *_DAMPING_RANGE)
     state.sigma = terms.sigma
     return kept
 
 
-def posterior_covariance(
-    field: RadianceEngine,
-    compared: ComparedPixels,
-    state: PoseState,
-    rays: int,
-    pixels_a_residual: float,
-    generator: torch.Generator,
-) -> Float[NDArray, "n 6 6"]:
-    """Marginal covariance of each refined pose (Laplace's approximation, the field taken as known)."""
-    data, draw = compared.data, compared.draw(state.image, rays, pixels_a_residual, generator)
-    information = photometric_terms(field, data, draw, state.T).information
-    precision = state.prior.precision()
-    if not state.prior.is_joint:
-        return np.linalg.inv(precision + information)
-    covariance = np.linalg.inv(precision + _block_diagonal(information))
-    n = len(state.T)
-    return np.einsum("iaib->iab", covariance.reshape(n, 6, n, 6)).copy()
+def _by_robot(prior: PosePrior, value: Float[NDArray, "n"]) -> Float[NDArray, "n"]:
+    """Sum over the images of the same robot if their errors are joint, else the value itself."""
+    return np.bincount(prior.robot, value)[prior.robot] if prior.is_joint else value
 
 
 def _times(
@@ -133,6 +149,35 @@ def _solve(
     if precision.ndim == 3:
         return np.linalg.solve(precision + damped, gradient[..., None])[..., 0]
     return np.linalg.solve(precision + _block_diagonal(damped), gradient.reshape(-1)).reshape(gradient.shape)
+
+
+def _solve_with_frame(
+    terms: PhotometricTerms,
+    state: PoseState,
+    precision: Float[NDArray, "m m"] | Float[NDArray, "n 6 6"],
+    pull: Float[NDArray, "n 6"],
+) -> tuple[Float[NDArray, "n 6"], Float[NDArray, "6"]]:
+    """Steps of the poses and of the field's frame (a twist of the world).
+
+    A pose that goes along with the field changes nothing in its picture.
+    """
+    n = len(state.T)
+    along = se3.adjoint(se3.inverse(state.T))
+    damped = terms.information + np.einsum("naa->na", terms.information)[..., None] * (
+        state.damping[:, None, None] * np.eye(6)
+    )
+    known = precision if precision.ndim == 2 else _block_diagonal(precision)
+    system = np.zeros((6 * n + 6, 6 * n + 6))
+    system[:-6, :-6] = known + _block_diagonal(damped)
+    coupling = -(terms.information @ along).reshape(6 * n, 6)
+    system[:-6, -6:], system[-6:, :-6] = coupling, coupling.T
+    by_frame = np.einsum("nab,nac,ncd->bd", along, terms.information, along)
+    system[-6:, -6:] = by_frame + 1e-6 * np.diag(np.diag(by_frame))
+    right = np.concatenate(
+        [(terms.gradient + pull).reshape(-1), -np.einsum("nab,na->b", along, terms.gradient)]
+    )
+    solution = np.linalg.solve(system, right)
+    return solution[:-6].reshape(n, 6), solution[-6:]
 
 
 def _block_diagonal(blocks: Float[NDArray, "n 6 6"]) -> Float[NDArray, "m m"]:

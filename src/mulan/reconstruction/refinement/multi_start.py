@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -27,6 +27,10 @@ class MultiStartConfig:
     """Images of each robot these are judged by."""
     image_starts: int = 32
     """Poses tried for each image by itself."""
+    lost_starts: int = 96
+    """Poses tried for an image that was lost."""
+    wide: float = 2.0
+    """Every other one is drawn this many times as far from the estimate as localization allows."""
     side: int = 20
     """Rays a side of the pictures compared."""
 
@@ -44,13 +48,46 @@ def spread_starts(
         for robot in np.unique(prior.robot):
             own = np.flatnonzero(prior.robot == robot)
             _start_robot(field, data, state, own, config, generator)
-    conditional = _conditional_blocks(prior)
+    _start_images(
+        field, data, state, np.arange(len(state.T)), state.T, config.image_starts, config, generator
+    )
+
+
+def restart(
+    field: RadianceEngine,
+    data: PosedPixels,
+    state: PoseState,
+    lost: Bool[NDArray, "n"],
+    config: MultiStartConfig,
+    generator: np.random.Generator,
+) -> None:
+    """Look for lost images anew, before a field that others have learnt meanwhile."""
+    chosen = np.flatnonzero(lost)
+    if len(chosen):
+        # with joint errors an image is where the rest of its robot says
+        centre = (state.T if state.prior.is_joint else state.prior.T_world_camera)[chosen]
+        _start_images(field, data, state, chosen, centre, config.lost_starts, config, generator)
+
+
+def _start_images(
+    field: RadianceEngine,
+    data: PosedPixels,
+    state: PoseState,
+    chosen: Int[NDArray, "k"],
+    centre: Float[NDArray, "k 4 4"],
+    starts: int,
+    config: MultiStartConfig,
+    generator: np.random.Generator,
+) -> None:
+    conditional = _conditional_blocks(state.prior)[chosen]
     root = np.linalg.cholesky(conditional + 1e-14 * np.eye(6))
-    noise = generator.standard_normal((config.image_starts, len(state.T), 6))
-    noise[0] = 0  # where the image stands
-    T = state.T @ se3.exp((root @ noise[..., None])[..., 0])
-    scores = np.stack([correlation(field, data, state.image, each, config.side) for each in T])
-    state.T = T[scores.argmax(0), np.arange(len(state.T))]
+    noise = generator.standard_normal((starts, len(chosen), 6))
+    noise[1::2] *= config.wide  # one image in fifty lies beyond 2.3 sigmas
+    T = centre @ se3.exp((root @ noise[..., None])[..., 0])
+    T[0] = state.T[chosen]
+    image = state.image[chosen]
+    scores = np.stack([correlation(field, data, image, state.in_field(each), config.side) for each in T])
+    state.T[chosen] = T[scores.argmax(0), np.arange(len(chosen))]
 
 
 def _start_robot(
@@ -62,10 +99,9 @@ def _start_robot(
     generator: np.random.Generator,
 ) -> None:
     prior, n = state.prior, len(state.T)
-    root = np.linalg.cholesky(prior.covariance + 1e-14 * np.eye(6 * n))
     noise = generator.standard_normal((config.robot_starts, 6 * n))
     noise[0] = 0
-    T = prior.moved((noise @ root.T).reshape(-1, n, 6))[:, own]
+    T = prior.moved((noise @ prior.root.T).reshape(-1, n, 6))[:, own]
     judged = np.unique(np.linspace(0, len(own) - 1, config.robot_images).astype(int))
     image = state.image[own[judged]]
     scores = [correlation(field, data, image, each[judged], config.side).mean() for each in T]
@@ -107,5 +143,5 @@ def _conditional_blocks(prior: PosePrior) -> Float[NDArray, "n 6 6"]:
     if not prior.is_joint:
         return prior.covariance
     n = len(prior.T_world_camera)
-    blocks = np.einsum("iaib->iab", prior.precision().reshape(n, 6, n, 6))
+    blocks = np.einsum("iaib->iab", prior.precision.reshape(n, 6, n, 6))
     return np.linalg.inv(blocks)

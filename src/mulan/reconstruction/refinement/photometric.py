@@ -71,10 +71,16 @@ def photometric_cost(
     sigma: Float[NDArray, "n"],
 ) -> Float[NDArray, "n"]:
     """Cost of the drawn pixels at other poses."""
+    return _cost(residuals(field, data, draw, T) / sigma[:, None], draw)
+
+
+def residuals(
+    field: RadianceEngine, data: PosedPixels, draw: PixelDraw, T: Float[NDArray, "n 4 4"]
+) -> Float[NDArray, "n r"]:
+    """Field minus photograph at the drawn pixels, along their axes."""
     batch = _rays(data, draw, T)
     colour = field.render(batch.origins, batch.directions).colour
-    residual = ((colour - batch.colours) * draw.axis).sum(-1).view(draw.pixel.shape).double().numpy()
-    return _cost(residual / sigma[:, None], draw)
+    return ((colour - batch.colours) * draw.axis).sum(-1).view(draw.pixel.shape).double().numpy()
 
 
 def residual_sigma(residual: Float[NDArray, "n r"], weight: Float[NDArray, "n r"]) -> Float[NDArray, "n"]:

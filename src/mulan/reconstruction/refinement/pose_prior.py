@@ -1,9 +1,10 @@
 """What localization says about the camera poses, as a Gaussian about its estimates."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from numpy.typing import NDArray
 
 from mulan.geometry import se3
@@ -38,11 +39,29 @@ class PosePrior:
         n = len(self.T_world_camera)
         return np.einsum("iaib->iab", self.covariance.reshape(n, 6, n, 6)).copy()
 
+    @cached_property
+    def _eigen(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Variances, axes: inverting would blur the soft ones, an anchor's first pose being nearly exact."""
+        variance, axes = np.linalg.eigh(self.covariance)
+        return variance.clip(0), axes
+
+    @cached_property
     def precision(self) -> Float[NDArray, "m m"] | Float[NDArray, "n 6 6"]:
         """Inverse of the covariance, in its shape."""
-        regular = self.covariance + _LEAST_VARIANCE * np.eye(self.covariance.shape[-1])
-        inverse = np.linalg.inv(regular)
-        return (inverse + np.swapaxes(inverse, -1, -2)) / 2
+        variance, axes = self._eigen
+        return (axes / (variance + _LEAST_VARIANCE)[..., None, :]) @ np.swapaxes(axes, -1, -2)
+
+    @property
+    def root(self) -> Float[NDArray, "m m"] | Float[NDArray, "n 6 6"]:
+        """A matrix that times its transpose is the covariance."""
+        variance, axes = self._eigen
+        return axes * np.sqrt(variance)[..., None, :]
+
+    def subset(self, kept: Bool[NDArray, "n"]) -> "PosePrior":
+        """The marginal over some of the images."""
+        rows = np.repeat(kept, 6)
+        covariance = self.covariance[np.ix_(rows, rows)] if self.is_joint else self.covariance[kept]
+        return PosePrior(self.T_world_camera[kept], self.robot[kept], covariance)
 
     def residual(self, T: Float[NDArray, "n 4 4"]) -> Float[NDArray, "n 6"]:
         """Perturbation that leads from the estimates to other poses.

@@ -37,7 +37,8 @@ class PoseTracker:
         if steps % config.final_every or not config.final_from <= fraction_done <= config.final_until:
             return
         assert self._compared is not None
-        share = max(1 - fraction_done / config.final_until, config.least_step_share)
+        share = config.first_step_share * (1 - fraction_done / config.final_until)
+        share = max(share, config.least_step_share)
         gauss_newton_step(
             engine,
             self._compared,

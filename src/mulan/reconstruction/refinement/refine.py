@@ -1,24 +1,24 @@
 """Learn a field from images whose poses are uncertain, and correct the poses as it is learnt."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy.typing import NDArray
 
 from mulan.errors import InputError
 from mulan.mission.nerfstudio import write_transforms
-from mulan.mission.posed_images import PosedImageSet
+from mulan.mission.posed_images import PosedImage, PosedImageSet
 from mulan.mission.run_folder import RunFolder
 from mulan.reconstruction.captured_image import load_captured
 from mulan.reconstruction.dataset import ImageTensors
 from mulan.reconstruction.refinement.compared_pixels import ComparedPixels
-from mulan.reconstruction.refinement.gauss_newton import PoseState, posterior_covariance
+from mulan.reconstruction.refinement.gauss_newton import PoseState
 from mulan.reconstruction.refinement.pose_prior import PosePrior
 from mulan.reconstruction.refinement.pose_tracker import PoseTracker
+from mulan.reconstruction.refinement.posterior import marginal_blocks, posterior_covariance
 from mulan.reconstruction.refinement.refinement_config import RefinementConfig
 from mulan.reconstruction.refinement.registered_file import read_registered, write_registered
 from mulan.reconstruction.refinement.registration import register
@@ -41,11 +41,14 @@ class RefinedTraining:
         training: The field.
         images: The photographs at their refined poses, with the posterior's covariance.
         registration_seconds: Spent before the final field was begun.
+        doubted: Images that could not be registered; the field was learnt without them, and among ``images``
+            they are where localization left them.
     """
 
     training: TrainingResult
     images: PosedImageSet
     registration_seconds: float
+    doubted: tuple[PosedImage, ...] = ()
 
 
 def pose_state(images: PosedImageSet) -> PoseState | None:
@@ -122,27 +125,49 @@ def refine_and_train(
             "--refine-poses", "device", "is a GPU, where it is not built yet", "give --device cpu"
         )
     registered = run.root / "registered.safetensors"
-    seconds = read_registered(registered, state, images, refinement, config.seed)
-    if seconds is None:
+    found = read_registered(registered, state, images, refinement, config.seed)
+    if found is None:
         began = time.perf_counter()
         captured = load_captured(images.train, min(refinement.image_size, config.image_size))
-        register(captured, state, refinement, config.seed, progress)
+        doubted = register(captured, state, refinement, config.seed, progress)
         seconds = time.perf_counter() - began
-        write_registered(registered, state, images, refinement, config.seed, seconds)
-    tracker = PoseTracker(state, refinement, config.seed)
-    training = train(at_poses(images, state, None), weighting, config, run, follow, between_steps=tracker)
-    compared = ComparedPixels(ImageTensors(load_captured(images.train, config.image_size)))
-    covariance = posterior_covariance(
-        training.engine,
-        compared,
-        state,
-        refinement.final_rays,
-        refinement.residual_area_px,
-        torch.Generator().manual_seed(config.seed + 5),
-    )
+        write_registered(registered, state, doubted, images, refinement, config.seed, seconds)
+    else:
+        doubted, seconds = found
+    believed, believed_state = without(images, state, doubted)
+    exact = at_poses(believed, believed_state, None)
+    tracker = PoseTracker(believed_state, refinement, config.seed) if len(believed_state.T) else None
+    training = train(exact, weighting, config, run, follow, between_steps=tracker)
+    state.T[~doubted], state.T[doubted] = believed_state.T, state.prior.T_world_camera[doubted]
+    covariance = state.prior.blocks.copy()
+    if len(believed_state.T):
+        data = ImageTensors(load_captured(believed.train, config.image_size))
+        believed_state.place(data)
+        joint = posterior_covariance(
+            training.engine, ComparedPixels(data), believed_state, refinement, config.seed + 5
+        )
+        covariance[~doubted] = marginal_blocks(joint)
     refined = at_poses(images, state, covariance)
     write_transforms(refined, run.root / REFINED)
-    return RefinedTraining(training, refined, seconds)
+    left_out = tuple(images.train[i] for i in state.image[doubted])
+    return RefinedTraining(training, refined, seconds, left_out)
+
+
+def without(
+    images: PosedImageSet, state: PoseState, doubted: Bool[NDArray, "n"]
+) -> tuple[PosedImageSet, PoseState]:
+    """The set without its doubted images, and the poses of those of its images that are not exact."""
+    stays = np.ones(len(images.train), dtype=bool)
+    stays[state.image[doubted]] = False
+    number = np.cumsum(stays) - 1
+    train = tuple(image for image, stay in zip(images.train, stays, strict=True) if stay)
+    kept = replace(images, train=train, joint_pose_covariance=None)
+    return kept, state.subset(~doubted, number[state.image[~doubted]])
+
+
+def image_names(images: Sequence[PosedImage]) -> list[str]:
+    """Their robots and files, for a person."""
+    return [f"{image.robot_id}/{image.path.name}" if image.robot_id else image.path.name for image in images]
 
 
 def median_correction_m(before: PosedImageSet, after: PosedImageSet) -> float:

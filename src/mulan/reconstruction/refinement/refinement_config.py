@@ -27,25 +27,38 @@ class RefinementConfig:
     """Before any pose moves: the best-known robot's images alone."""
     stages: tuple[CoarseStage, ...] = (CoarseStage(6, 3, 100), CoarseStage(3, 5, 200), CoarseStage(1, 6, 200))
     """Then all images, poses and field by turns."""
+    frame_stage: CoarseStage = field(default_factory=lambda: CoarseStage(0, 16, 300))
+    """Where no image is exact, one more: the map as a whole must fit the few that localization knows best."""
     multi_start: MultiStartConfig = field(default_factory=MultiStartConfig)
     """How starts are drawn from the prior."""
-    first_pose_steps: int = 8
+    first_pose_steps: int = 12
     """Gauss-Newton steps before the best-known robot's field."""
     pose_every: int = 10
     """Steps of the field between two Gauss-Newton steps of registration."""
+    most_misfit: float = 2.0
+    """An image whose residuals are so many times those of the best-known images is lost: it is looked for
+    anew, and left out if it stays lost."""
     rays: int = 256
     """Pixels of each image in a Gauss-Newton step."""
     batch_samples: int = 2**14
     """Field evaluations a step of registration."""
-    final_every: int = 75
+    final_every: int = 25
     """Steps of the final field between two Gauss-Newton steps."""
-    final_rays: int = 384
+    final_rays: int = 128
     """Pixels of each image in one of these."""
+    first_step_share: float = 1.6
+    """Of a Gauss-Newton step, the share the first ones take: the field follows each move, so that poses which
+    move together get on in small steps."""
     least_step_share: float = 0.1
-    """Of a Gauss-Newton step, the share the last ones take; it shrinks to that during the training."""
-    final_from: float = 0.2
+    """The share the last ones take; it shrinks to that during the training."""
+    final_from: float = 0.05
     """Share of the final training before which poses rest: a field that is still a blur misleads them."""
     final_until: float = 0.85
     """Share of the final training after which poses rest."""
     residual_area_px: float = 4.0
     """Pixels whose residuals agree with each other, as an area."""
+    independent_residuals: float = 6.0
+    """Residuals of an image that count as independent for its posterior covariance: where the field is wrong,
+    it is so over whole parts of a picture. Chosen for honest covariances on seeds from 100 on."""
+    posterior_points: int = 16
+    """Points of each image that are looked up in all others to tell how well poses are known in the end."""

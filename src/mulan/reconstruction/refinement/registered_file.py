@@ -1,9 +1,12 @@
-"""Poses after registration on disk."""
+"""Poses after registration on disk, and which of them are doubted."""
 
 import hashlib
 from pathlib import Path
 
+import numpy as np
 import torch
+from jaxtyping import Bool
+from numpy.typing import NDArray
 
 from mulan.mission.posed_images import PosedImageSet
 from mulan.reconstruction.field_file import read_tensors, write_tensors
@@ -12,17 +15,30 @@ from mulan.reconstruction.refinement.refinement_config import RefinementConfig
 
 
 def write_registered(
-    path: Path, state: PoseState, images: PosedImageSet, config: RefinementConfig, seed: int, seconds: float
+    path: Path,
+    state: PoseState,
+    doubted: Bool[NDArray, "n"],
+    images: PosedImageSet,
+    config: RefinementConfig,
+    seed: int,
+    seconds: float,
 ) -> None:
     """Write the poses, and what they were made from."""
     header = {"made_from": _made_from(state, images, config, seed), "seconds": seconds}
-    write_tensors(path, {"T_world_camera": torch.from_numpy(state.T.copy())}, header)
+    tensors = {
+        "T_world_camera": torch.from_numpy(state.T.copy()),
+        "doubted": torch.from_numpy(doubted.astype(np.uint8)),
+    }
+    write_tensors(path, tensors, header)
 
 
 def read_registered(
     path: Path, state: PoseState, images: PosedImageSet, config: RefinementConfig, seed: int
-) -> float | None:
-    """Take over the poses of a file made from the same; seconds they took, None if there is no such file.
+) -> tuple[Bool[NDArray, "n"], float] | None:
+    """Take over the poses of a file made from the same.
+
+    Returns:
+        Which are doubted, and the seconds they took; None if there is no such file.
 
     Raises:
         InputError: The file is damaged.
@@ -33,7 +49,7 @@ def read_registered(
     if header.get("made_from") != _made_from(state, images, config, seed):
         return None
     state.T = tensors["T_world_camera"].double().numpy().copy()
-    return float(header["seconds"])
+    return tensors["doubted"].numpy().astype(bool), float(header["seconds"])
 
 
 def _made_from(state: PoseState, images: PosedImageSet, config: RefinementConfig, seed: int) -> str:

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Bool
+from jaxtyping import Bool, Int
 from numpy.typing import NDArray
 
 from mulan.radiance.backend import new_engine
+from mulan.radiance.engine import RadianceEngine
 from mulan.reconstruction.captured_image import CapturedImage
 from mulan.reconstruction.dataset import ImageTensors
 from mulan.reconstruction.field_choice import choose_field, choose_march, choose_optimiser
@@ -16,7 +17,8 @@ from mulan.reconstruction.refinement.anchored import anchored_images
 from mulan.reconstruction.refinement.blurred_images import blurred
 from mulan.reconstruction.refinement.compared_pixels import ComparedPixels
 from mulan.reconstruction.refinement.gauss_newton import PoseState, gauss_newton_step
-from mulan.reconstruction.refinement.multi_start import spread_starts
+from mulan.reconstruction.refinement.multi_start import restart, spread_starts
+from mulan.reconstruction.refinement.photometric import residual_sigma, residuals
 from mulan.reconstruction.refinement.refinement_config import CoarseStage, RefinementConfig
 from mulan.reconstruction.scene_space import choose_space
 from mulan.reconstruction.trainer import next_rays
@@ -44,7 +46,7 @@ def register(
     config: RefinementConfig,
     seed: int,
     progress: Progress,
-) -> None:
+) -> Bool[NDArray, "k"]:
     """Move the uncertain images of a set to where a common field explains all photographs.
 
     Args:
@@ -53,6 +55,9 @@ def register(
         config: Stages.
         seed: Of field, batches and starts.
         progress: Called after every step of the field.
+
+    Returns:
+        Which of the uncertain images fit nowhere near where localization has them.
     """
     anchored = anchored_images(images)
     space = choose_space([image for image, known in zip(images, anchored, strict=True) if known])
@@ -61,7 +66,9 @@ def register(
     optimiser = choose_optimiser(space.unbounded, quick=True)
     engine = new_engine(field, march, space, not space.unbounded, seed, optimiser, torch.device("cpu"))
     torch_random, random = torch.Generator().manual_seed(seed + 2), np.random.default_rng(seed + 3)
-    clock = _Clock(progress, config.first.steps + sum(stage.steps for stage in config.stages))
+    frame_is_free = len(state.image) == len(images)
+    stages = (*config.stages, config.frame_stage) if frame_is_free else config.stages
+    clock = _Clock(progress, config.first.steps + sum(stage.steps for stage in stages))
 
     def learn(data: ImageTensors, stage: CoarseStage, compared: ComparedPixels | None = None) -> None:
         weights = torch.zeros(field.levels)
@@ -77,7 +84,9 @@ def register(
 
     def move_poses(compared: ComparedPixels, stage: CoarseStage) -> None:
         area = (2 * stage.blur_px + 1) ** 2 * config.residual_area_px
-        gauss_newton_step(engine, compared, state, config.rays, area, torch_random)
+        gauss_newton_step(
+            engine, compared, state, config.rays, area, torch_random, frame_is_free=frame_is_free
+        )
         state.place(compared.data)
 
     smooth = blurred(images, config.first.blur_px)
@@ -88,10 +97,32 @@ def register(
     compared = ComparedPixels(data)
     for _ in range(config.first_pose_steps):
         move_poses(compared, config.first)
-    for stage in config.stages:
+    lost = np.zeros(len(state.image), dtype=bool)
+    for stage in stages:
+        restart(engine, data, state, lost, config.multi_start, random)
         data = ImageTensors(blurred(images, stage.blur_px))
         state.place(data)
-        learn(data, stage, ComparedPixels(data))
+        compared = ComparedPixels(data)
+        learn(data, stage, compared)
+        lost = misfits(engine, compared, state, np.flatnonzero(anchored), config, torch_random)
+    state.T_world_field = np.eye(4)  # the next field is learnt where the poses are
+    return lost
+
+
+def misfits(
+    field: RadianceEngine,
+    compared: ComparedPixels,
+    state: PoseState,
+    anchored: Int[NDArray, "k"],
+    config: RefinementConfig,
+    generator: torch.Generator,
+) -> Bool[NDArray, "n"]:
+    """Which uncertain images the common field explains much worse than it explains those known best."""
+    T = compared.data.T_world_camera.double().numpy()
+    everyone = np.arange(len(T))
+    draw = compared.draw(everyone, config.rays, config.residual_area_px, generator)
+    sigma = residual_sigma(residuals(field, compared.data, draw, T), draw.weight)
+    return sigma[state.image] > config.most_misfit * np.median(sigma[anchored])
 
 
 def _tensors(images: Sequence[CapturedImage], drawn: Bool[NDArray, "n"]) -> ImageTensors:

@@ -1,0 +1,54 @@
+"""How well refined poses are known."""
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from mulan.radiance.engine import RadianceEngine
+from mulan.reconstruction.refinement.compared_pixels import ComparedPixels
+from mulan.reconstruction.refinement.gauss_newton import PoseState
+from mulan.reconstruction.refinement.photometric import residual_sigma, residuals
+from mulan.reconstruction.refinement.refinement_config import RefinementConfig
+from mulan.reconstruction.refinement.shared_points import joint_information, shared_points
+
+_SCALE_RAYS = 512  # pixels of each image that tell the size of its residuals
+
+
+def posterior_covariance(
+    field: RadianceEngine,
+    compared: ComparedPixels,
+    state: PoseState,
+    config: RefinementConfig,
+    seed: int,
+) -> Float[NDArray, "m m"]:
+    """Covariance of all refined poses together (Laplace's approximation, the scene unknown too).
+
+    Residuals of a field are no noise: where it is wrong it shifts whole parts of a picture, whatever the
+    number of pixels. So an image counts as a few independent residuals of the size found, not as one a pixel.
+
+    Args:
+        field: Learnt at the refined poses.
+        compared: The photographs there.
+        state: The uncertain ones.
+        config: How many pixels and points are compared.
+        seed: Of which.
+    """
+    data, generator = compared.data, torch.Generator().manual_seed(seed)
+    T = data.T_world_camera.double().cpu().numpy()
+    area_px = (
+        sum(image.colour[..., 0].size for image in data.images) / len(data) / config.independent_residuals
+    )
+    draw = compared.draw(np.arange(len(data)), _SCALE_RAYS, area_px, generator)
+    sigma = residual_sigma(residuals(field, data, draw, T), draw.weight)
+    points = shared_points(field, compared, config.posterior_points, area_px, generator)
+    precision = state.prior.precision
+    known = precision if state.prior.is_joint else block_diag(*precision)
+    return np.linalg.inv(known + joint_information(points, sigma, state.image))
+
+
+def marginal_blocks(covariance: Float[NDArray, "m m"]) -> Float[NDArray, "n 6 6"]:
+    """Covariance of each pose by itself."""
+    n = len(covariance) // 6
+    return np.einsum("iaib->iab", covariance.reshape(n, 6, n, 6)).copy()
