@@ -112,7 +112,7 @@ def main(options: Options) -> None:
     write_json(options.out / "metrics.json", record)
     figure, axes = plt.subplots(figsize=(6, 4))
     for name, off in found.items():
-        axes.hist(100 * off, np.linspace(-8, 8, 65), histtype="step", label=f"{name} ({len(off)})")
+        axes.hist(100 * off, np.linspace(-8, 8, 65).tolist(), histtype="step", label=f"{name} ({len(off)})")
     axes.set(xlabel="vertices outside the true face [cm]", ylabel="vertices")
     axes.legend()
     write_atomically(options.out / "faces.png", lambda path: figure.savefig(path, dpi=120))

@@ -25,7 +25,8 @@ def anything():
     graph = gtsam.GaussianFactorGraph()
     for keys in ([0], [0, 1], [1, 2, BIAS]):
         blocks = [part for key in keys for part in (key, rng.normal(size=(8, 1 if key == BIAS else 6)))]
-        graph.add(gtsam.JacobianFactor(*blocks, rng.normal(size=8), gtsam.noiseModel.Unit.Create(8)))
+        rest = rng.normal(size=8), gtsam.noiseModel.Unit.Create(8)
+        graph.add(gtsam.JacobianFactor(*blocks, *rest))  # type: ignore[call-overload]
     return graph
 
 

@@ -50,8 +50,7 @@ def relative_prior(
         reference = now.atPose3(poses[0])
         off = reference0.between(reference)
         residual = by_reference @ gtsam.Pose3.Logmap(off) - b
-        if jacobians is not None:
-            of_reference = by_reference @ gtsam.Pose3.LogmapDerivative(off)
+        of_reference = by_reference @ gtsam.Pose3.LogmapDerivative(off)
         for i in range(1, n):
             pose = now.atPose3(poses[i])
             seen = reference.between(pose)
@@ -78,5 +77,5 @@ def _triangular(
     """The same normal equations with as few rows as unknowns."""
     if len(A) <= A.shape[1]:
         return A, b
-    R = np.linalg.qr(np.column_stack([A, b]), mode="r")
+    R = np.asarray(np.linalg.qr(np.column_stack([A, b]), mode="r"))
     return R[: A.shape[1], :-1], R[: A.shape[1], -1]
