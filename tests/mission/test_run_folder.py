@@ -23,9 +23,10 @@ def test_a_write_that_fails_keeps_the_old_file_and_leaves_nothing_beside_it(tmp_
 def test_each_command_adds_its_options_to_the_record(tmp_path):
     run = RunFolder(tmp_path / "run")
     run.record_config("train", {"steps": 5})
-    run.record_config("plan", {"robots": 2})
+    run.record_config("plan", {"robots": 2, "radio_range_m": float("inf")})
     run.record_config("train", {"steps": 6})
-    assert json.loads(run.config.read_text()) == {"train": {"steps": 6}, "plan": {"robots": 2}}
+    planned = {"robots": 2, "radio_range_m": "Infinity"}
+    assert json.loads(run.config.read_text()) == {"train": {"steps": 6}, "plan": planned}
 
 
 def test_missing_and_damaged_files_name_the_command_that_makes_them(tmp_path):

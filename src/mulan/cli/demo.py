@@ -15,7 +15,7 @@ from mulan.localization.localize import LocalizationConfig
 from mulan.mission.bag_reader import read_mission
 from mulan.mission.bag_writer import write_mission
 from mulan.mission.run_folder import RunFolder
-from mulan.planning.team_run import TeamRunConfig
+from mulan.planning.plan import PlanConfig
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.report.page import write_report
 from mulan.simulation.from_scene import SceneMissionConfig, simulate_from_scene
@@ -74,7 +74,7 @@ def main(arguments: Sequence[str]) -> int:
     )
     with progress_stages() as stage:
         metrics = compare_setups(mission, run, config, LocalizationConfig(), BearingConfig(), stage)
-    plan(RunFolder(run.root / "uncertainty"), TeamRunConfig())
+    plan(RunFolder(run.root / "uncertainty"), PlanConfig())
     run.record_config("demo", asdict(options))
     page = write_report(run)
     console.print()

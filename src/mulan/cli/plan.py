@@ -29,11 +29,11 @@ class Options:
 
     run: Annotated[Path, tyro.conf.Positional]
     """Run folder."""
-    rule: Literal["team", "propagated", "literal"] = "team"
-    """How views are judged: by new directions and disagreement of small fields, jointly for the team; or the
-    paper's fall of the learned variance on the ring, each robot alone, with pose uncertainty propagated to
-    colour or in the formula as printed."""
-    columns: int = 25
+    rule: Literal["propagated", "literal", "team"] = "propagated"
+    """How views are judged: the paper's fall of the learned variance on the ring, each robot alone, with pose
+    uncertainty propagated to colour or in the formula as printed; or by new directions and the disagreement
+    of small fields, jointly for the team (slower: the small fields are learnt first)."""
+    columns: int = 32
     """Rays across a candidate's image; the rows follow from its aspect."""
     candidates: CandidateConfig = field(default_factory=CandidateConfig)
     """The ring of views about each robot."""

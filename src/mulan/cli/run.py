@@ -14,8 +14,7 @@ from mulan.cli.progress import console
 from mulan.localization.localize import LocalizationConfig
 from mulan.mission.nerfstudio import read_transforms
 from mulan.mission.run_folder import RunFolder
-from mulan.planning.knowledge import LookConfig
-from mulan.planning.team_run import TeamRunConfig
+from mulan.planning.plan import PlanConfig
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.report.page import write_report
 from mulan.wireless.bearing import BearingConfig
@@ -33,7 +32,7 @@ class Options:
     """Trust in each pixel: equal, the paper's formula as printed, or what its pose covariance deserves."""
     hold_out_every: int = 8
     """Every n-th photograph becomes a test view where the bag names none; 0 holds out none."""
-    plan_columns: int = 25
+    plan_columns: int = 32
     """Rays across a candidate view's image when planning."""
     graph: LocalizationConfig = field(default_factory=LocalizationConfig)
     """Factor graph."""
@@ -63,8 +62,7 @@ def run_bag(options: Options) -> Path:
     run.record_config("run", asdict(options))
     images = read_transforms(run.transforms)
     train_command.train_run(run, images, train_command.weighting_named(options.weighting), options.train)
-    columns = options.plan_columns
-    plan(run, TeamRunConfig(looks=LookConfig(columns=columns, chosen_columns=2 * columns)))
+    plan(run, PlanConfig(columns=options.plan_columns))
     return write_report(run)
 
 

@@ -143,7 +143,7 @@ class RunFolder:
         probe.unlink(missing_ok=True)
 
     def record_config(self, command: str, options: dict[str, Any]) -> None:
-        """Add one command's options to the run's record; values JSON lacks are written as text."""
+        """Add one command's options to the run's record; values JSON lacks (paths, infinity) become text."""
         record = read_json(self.config, f"mulan {command}") if self.config.exists() else {}
-        record[command] = json.loads(json.dumps(options, default=str))
+        record[command] = json.loads(json.dumps(options, default=str), parse_constant=str)
         write_json(self.config, record)
