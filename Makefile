@@ -62,7 +62,7 @@ browser:
 	  fi
 
 test: lint browser
-	$(BIN)/pytest -n 2 --dist loadgroup
+	$(BIN)/pytest -n 2 --dist loadfile
 
 sanitize: $(VENV)/.installed-dev
 	@$(BIN)/python -m tests.native.sanitizers

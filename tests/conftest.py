@@ -24,14 +24,6 @@ def data() -> Path:
     return folder
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Where processes share the tests, those of one file stay together, and all that build the engine."""
-    tests = Path(__file__).parent
-    for item in items:
-        place = item.path.relative_to(tests)
-        item.add_marker(pytest.mark.xdist_group("native" if place.parts[0] == "native" else str(place)))
-
-
 @pytest.fixture(scope="session", autouse=True)
 def compiled_files() -> None:
     """The library of an editable install."""

@@ -34,7 +34,9 @@ def library() -> NativeLibrary:
     """
     if given := os.environ.get("MULAN_TEST_LIBRARY"):
         return NativeLibrary(Path(given))
-    return NativeLibrary(build_library(REPOSITORY / "build" / "native"))
+    # processes that share the tests build each their own
+    process = os.environ.get("PYTEST_XDIST_WORKER", "")
+    return NativeLibrary(build_library(REPOSITORY / "build" / f"native{process}"))
 
 
 X86 = platform.machine().lower() in ("x86_64", "amd64")
