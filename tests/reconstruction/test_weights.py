@@ -120,11 +120,11 @@ def test_an_image_displaced_too_far_is_ignored_where_others_are_exact(image):
     assert weighting.weight_maps([image, near, far], SPACE)[2].max() == 0
 
 
-def test_a_share_of_the_images_is_kept_however_uncertain_all_are(image):
-    images = [with_sigma(image, s) for s in (1.0, 1.2, 1.4, 1.6)]
-    weighting = UncertaintyWeights(most_sigma_px=1.0, least_kept=0.3)
-    assert weighting.ignored(images, SPACE) == [False, False, True, True]
-    assert not any(weighting.ignored(images[:1] * 4, SPACE))
+def test_no_image_is_ignored_where_too_few_are_better_known(image):
+    near, far = with_sigma(image, 0.05), with_sigma(image, 1.0)
+    weighting = UncertaintyWeights(most_sigma_px=3.0, least_within=0.3)
+    assert weighting.ignored([near, far, far, far], SPACE) == [False] * 4
+    assert weighting.ignored([near, near, far, far], SPACE) == [False, False, True, True]
 
 
 def test_projected_sigma_matches_monte_carlo(image):

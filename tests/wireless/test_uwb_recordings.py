@@ -83,7 +83,8 @@ def test_bad_planar_files_are_refused(tmp_path: Path, text: str):
 
 
 @pytest.mark.parametrize(
-    "data_bytes", [b"", b"no gzip", gzip.compress(b"t,1_1\n0,1\n"), gzip.compress(b"x" * 99)[:20]]
+    "data_bytes",
+    [b"", b"no gzip", gzip.compress(b"t,1_1\n0,1\n", mtime=0), gzip.compress(b"x" * 99, mtime=0)[:20]],
 )
 def test_bad_murp_files_are_refused(tmp_path: Path, data_bytes: bytes):
     (tmp_path / MURP).write_bytes(data_bytes)

@@ -112,7 +112,7 @@ def main(arguments: Sequence[str]) -> int:
         "error_truth": {"ours": "origin", "authors": "start"},
         "seconds": time.monotonic() - began,
         # nothing is random; the seed is recorded as everywhere
-        "provenance": {**provenance(0), "data": str(options.data), "options": repr(config)},
+        "provenance": {**provenance(0), "data": options.data.resolve().name, "options": repr(config)},
     }
     write_links(links, run.root / "links.csv")
     write_json(run.metrics, metrics)

@@ -288,7 +288,8 @@ class Court:
                 groups.setdefault(("bearing", b.observer, b.peer), []).append(float(wrong))
         for r, wrong in zip(self.ranges, wrong_r, strict=True):
             if name in (r.observer, r.peer):
-                groups.setdefault(("range", *sorted((r.observer, r.peer))), []).append(float(wrong))  # type: ignore[arg-type]
+                first, second = sorted((r.observer, r.peer))
+                groups.setdefault(("range", first, second), []).append(float(wrong))
         parts = [float(np.mean(group)) for group in groups.values() if len(group) >= FEWEST]
         return (float(np.mean(parts)), max(parts)) if parts else (0.0, 0.0)
 

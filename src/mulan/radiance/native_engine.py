@@ -237,18 +237,14 @@ class NativeEngine(SplitStepEngine):
     ) -> Float[Tensor, "parameters"]:
         """See :class:`SplitStepEngine`."""
         check_finite("colour gradients", colour_gradient)
-        colour_gradient = colour_gradient.contiguous()
+        gradient = colour_gradient.contiguous()
         rays, _keep = self._rays(origins, directions)
-        objective = NativeObjective(
-            colour_gradient=address(colour_gradient, (len(origins), 3)), rays_a_pixel=1
-        )
+        objective = NativeObjective(colour_gradient=address(gradient, (len(origins), 3)), rays_a_pixel=1)
         values = torch.empty(self.parameter_count)
         table, networks = values.split([self._table.numel(), self._networks.numel()])
         out = NativeGradients(table=address(table), networks=address(networks), fresh=1)
-        report = NativeStepReport()
-        check(
-            self._c.mulan_gradients(*self._context(), self._parameters(), rays, objective, out, None, report)
-        )
+        given = *self._context(), self._parameters(), rays, objective
+        check(self._c.mulan_gradients(*given, out, None, NativeStepReport()))
         return values
 
     def render(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> Rendering:

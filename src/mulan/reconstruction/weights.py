@@ -62,7 +62,8 @@ class UncertaintyWeights(Weighting):
     linearisation, which does not hold over several pixels). Flat regions stay trusted, edges do not.
 
     An image displaced by many pixels teaches a wrong scene even where it is flat, so the whole image is
-    ignored if σ exceeds a limit: what others see well is better learnt without it.
+    ignored if σ exceeds a limit: what others see well is better learnt without it. Where too few are within
+    the limit nobody else sees the scene well, and all are kept.
     """
 
     colour_variance: float = 0.005
@@ -71,8 +72,8 @@ class UncertaintyWeights(Weighting):
     """Weights below this share of the best image become zero (a mean weight of 0.002 still cost 2.7 dB)."""
     most_sigma_px: float = 1.0
     """Images with a larger σ, in pixels of the size learnt from, are ignored."""
-    least_kept: float = 0.25
-    """Share of the images that is kept whatever their σ, the best first."""
+    least_within: float = 0.25
+    """Share of the images that must be within the limit for the others to be ignored."""
 
     def weight_map(self, image: CapturedImage, space: SceneSpace) -> Float[Tensor, "h w"]:
         """``s₀²/(s₀² + v)``."""
@@ -80,10 +81,11 @@ class UncertaintyWeights(Weighting):
         return torch.from_numpy(self.colour_variance / (self.colour_variance + variance)).float()
 
     def ignored(self, images: Sequence[CapturedImage], space: SceneSpace) -> list[bool]:
-        """Images whose σ exceeds the limit, but for the best of them."""
-        sigma_px = np.array([projected_sigma_px(image, space) for image in images])
-        limit_px = max(self.most_sigma_px, float(np.quantile(sigma_px, self.least_kept, method="higher")))
-        return [bool(sigma > limit_px) for sigma in sigma_px]
+        """Images whose σ exceeds the limit, where enough others are within it."""
+        beyond = np.array([projected_sigma_px(image, space) > self.most_sigma_px for image in images])
+        if (~beyond).mean() < self.least_within:
+            return [False] * len(images)
+        return beyond.tolist()
 
     def relative(self, weight_map: Float[Tensor, "h w"], best_mean: float) -> Float[Tensor, "h w"]:
         """Relative to the best image's mean, at most 1, zero below the threshold."""

@@ -1,6 +1,6 @@
 """The part of the panel where a person sends a robot to the view now on the screen."""
 
-from viser import ViserServer
+from viser import GuiButtonHandle, GuiEvent, ViserServer
 
 from mulan.errors import InputError
 from mulan.report.charts import colour_of
@@ -22,7 +22,7 @@ class GoalControls:
             said = server.gui.add_markdown("")
 
         @button.on_click
-        def _(event) -> None:  # type: ignore[no-untyped-def]
+        def _(event: GuiEvent[GuiButtonHandle]) -> None:
             if event.client is None:
                 return
             view, name = camera_of(event.client), str(robot.value)

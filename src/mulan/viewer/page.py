@@ -60,7 +60,7 @@ class ViewerPage:
         self._server = _new_server(self._config)
         self.pictures: dict[int, ClientPictures] = {}
         self._quantity: Quantity = "colour"
-        self._lock = threading.Lock()
+        self._lock, self._candidates_wanted = threading.Lock(), True
         self._place_first_camera(images)
         self._build(images, contents, goals)
         self._server.on_client_connect(self._welcome)
@@ -89,7 +89,7 @@ class ViewerPage:
         if contents.plan is not None:
             with self._lock, self._server.atomic():
                 self._candidates = CandidateLayers(self._server.scene, contents.plan, self._scale_m)
-                self._candidates.show(True)
+                self._candidates.show(self._candidates_wanted)
 
     def refresh(self) -> None:
         """Bring the words beside the picture up to date; called now and then."""
@@ -125,6 +125,7 @@ class ViewerPage:
         )
 
         def layers_changed(choice: LayerChoice, photos: bool, candidates: bool) -> None:
+            self._candidates_wanted = candidates
             with self._lock, server.atomic():
                 if mission is not None:
                     mission.show(choice)

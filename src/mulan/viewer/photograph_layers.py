@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
 from PIL import Image
-from viser import CameraFrustumHandle, SceneApi, ViserServer
+from viser import CameraFrustumHandle, SceneApi, SceneNodePointerEvent, ViserServer
 
 from mulan.geometry import so3
 from mulan.geometry.camera import R_OPTICAL_OPENGL, PinholeCamera
@@ -69,11 +69,6 @@ class PhotographLayers:
             self._go_there_on_click(server, image, handle)
             self._frusta.append((image, handle))
 
-    @property
-    def times_known(self) -> bool:
-        """Whether every photograph says when it was taken."""
-        return all(image.timestamp_s is not None for image, _ in self._frusta)
-
     def show(self, visible: bool, until_s: float = np.inf) -> None:
         """Show the photographs taken by a time, or none."""
         for image, handle in self._frusta:
@@ -81,7 +76,7 @@ class PhotographLayers:
 
     def _go_there_on_click(self, server: ViserServer, image: PosedImage, handle: CameraFrustumHandle) -> None:
         @handle.on_click
-        def _(event) -> None:  # type: ignore[no-untyped-def]
+        def _(event: SceneNodePointerEvent[CameraFrustumHandle]) -> None:
             client = server.get_clients().get(event.client_id)
             if client is not None:
                 with client.atomic():

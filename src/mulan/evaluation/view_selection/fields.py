@@ -32,8 +32,8 @@ class FieldsConfig:
     planning_field: FieldConfig = SMALL_FIELD
     """Sizes of the fields that plan."""
     weighting: Weighting = field(default_factory=lambda: UncertaintyWeights(most_sigma_px=math.inf))
-    """How far photographs of uncertain pose are trusted. None is left out altogether: where no pose is exact
-    (the graded pool), leaving out all above a pixel cost 3 dB."""
+    """How far photographs of uncertain pose are trusted. None is left out altogether, since some pools
+    (the graded one) have no exact pose."""
     judged_field: FieldConfig | None = None
     """Sizes of the fields that are judged; chosen from the number of views if not given."""
 
