@@ -24,14 +24,12 @@ def data() -> Path:
     return folder
 
 
-@pytest.fixture(scope="session", autouse=True)
-def compiled_files() -> None:
-    """The library of an editable install."""
-    find_compiled_files()
+def pytest_sessionstart() -> None:
+    """Find an editable install's library before any test file asks for it while it is collected.
 
-
-def find_compiled_files() -> None:
-    """An editable install keeps its library in site-packages, which the shape checks' import hook hides."""
+    The library is in site-packages, which the shape checks' import hook hides; what the first question
+    answers is remembered.
+    """
     import sysconfig
 
     import mulan.radiance
@@ -45,6 +43,5 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Say which engine the tests ran on: without the native one they prove less and take longer."""
     from mulan.radiance.kernels.native_library import find_native_library
 
-    find_compiled_files()
     library, reason = find_native_library()
     terminalreporter.write_line(f"native engine: {library.instruction_set if library else reason}")
