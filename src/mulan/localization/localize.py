@@ -112,7 +112,7 @@ def localize_from_measurements(
         cost=learned.solution.cost,
         undetermined=trusted.undetermined,
         suspects=trusted.suspects,
-        relative_poses=relative_poses(placed, trusted.bearings, poses.at, learned.marginals.joint),
+        relative_poses=relative_poses(placed, trusted.bearings, poses.at, learned.marginals.joint_of_many),
         odometry=learned.corrections,
         joint_covariance=joint,
     )

@@ -94,11 +94,15 @@ def solved_pair(
     """
     poses: tuple[list[NDArray], list[NDArray]] = ([], [])
     covariance = []
-    for t in time_s:
-        ends = [(name, graph.robots[name].nearest(float(t))) for name in pair]
+    ends_at = [[(name, graph.robots[name].nearest(float(t))) for name in pair] for t in time_s]
+    keyframes = list(dict.fromkeys(end for ends in ends_at for end in ends))
+    joint = marginals.joint_of_many(keyframes)
+    row = {keyframe: 6 * i for i, keyframe in enumerate(keyframes)}
+    for ends in ends_at:
         T_a, T_b = (solution.values.atPose3(graph.key(*end)).matrix() for end in ends)
         J = np.concatenate([-se3.adjoint(se3.inverse(T_b) @ T_a), np.eye(6)], 1)
-        covariance.append(J @ marginals.joint(ends) @ J.T)
+        rows = np.concatenate([np.arange(row[end], row[end] + 6) for end in ends])
+        covariance.append(J @ joint[np.ix_(rows, rows)] @ J.T)
         poses[0].append(T_a)
         poses[1].append(T_b)
     return np.array(poses[0]), np.array(poses[1]), np.array(covariance)
