@@ -4,7 +4,7 @@ A factor written in Python costs some 50 µs each time it is linearised; a pass 
 the graph of fifty robots practical. The residuals are those of ``factors.py``.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import gtsam
@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from numpy.typing import NDArray
 
 from mulan.geometry import so3
-from mulan.localization.graph import LocalizationGraph, observed_in_body
+from mulan.localization.graph import BearingNode, LocalizationGraph, RangeNode, observed_in_body
 
 _TINY = 1e-12
 
@@ -145,29 +145,75 @@ class MeasurementTerms:
         return residual, J_observer, J_peer
 
 
+@dataclass(frozen=True)
+class Hypotheses:
+    """What one bearing may mean, in its observer's body axes; rows as in ``MeasurementTerms``."""
+
+    direction: Float[NDArray, "h 3"]
+    basis: Float[NDArray, "h 3 2"]
+    covariance: Float[NDArray, "h 2 2"]
+    log_weight: Float[NDArray, "h"]
+    axes: int
+
+    @classmethod
+    def of(cls, node: BearingNode) -> "Hypotheses":
+        """Of a bearing in the graph."""
+        h = len(node.bearing.weight)
+        direction, basis, covariance = np.zeros((h, 3)), np.zeros((h, 3, 2)), np.tile(np.eye(2), (h, 1, 1))
+        axes = 2
+        for k in range(h):
+            u, columns, spread = observed_in_body(node, k)
+            axes = columns.shape[1]
+            direction[k], basis[k, :, :axes], covariance[k, :axes, :axes] = u, columns, spread
+        return cls(direction, basis, covariance, np.log(np.maximum(node.bearing.weight, 1e-300)), axes)
+
+
 def measurement_terms(graph: LocalizationGraph) -> MeasurementTerms:
     """Arrays of a graph's bearings and ranges."""
     keys = tuple(
         graph.key(name, i) for name, frames in graph.robots.items() for i in range(len(frames.time_s))
     )
-    at = {key: i for i, key in enumerate(keys)}
-    sights = [node.sight for node in (*graph.bearings, *graph.ranges)]
-    b, h = len(graph.bearings), max((len(node.bearing.weight) for node in graph.bearings), default=1)
+    told = [Hypotheses.of(node) for node in graph.bearings]
+    return gathered_terms(
+        keys, graph.bias_keys, graph.bearings, told, graph.ranges, graph.config.range_outlier_mass
+    )
+
+
+def gathered_terms(
+    pose_keys: tuple[int, ...],
+    bias_keys: tuple[int, ...],
+    bearings: Sequence[BearingNode],
+    told: Sequence[Hypotheses],
+    ranges: Sequence[RangeNode],
+    range_outlier_mass: float,
+) -> MeasurementTerms:
+    """Arrays of bearings and ranges between poses.
+
+    Args:
+        pose_keys: Order of the poses in the arrays.
+        bias_keys: Order of the range biases.
+        bearings: Bearings.
+        told: What each of them may mean.
+        ranges: Ranges.
+        range_outlier_mass: Of ranges that do not give their own.
+    """
+    at = {key: i for i, key in enumerate(pose_keys)}
+    bias_at = {key: i for i, key in enumerate(bias_keys)}
+    sights = [node.sight for node in (*bearings, *ranges)]
+    b, h = len(bearings), max((len(t.log_weight) for t in told), default=1)
     direction, basis = np.tile([1.0, 0.0, 0.0], (b, h, 1)), np.zeros((b, h, 3, 2))
     covariance, log_weight = np.tile(np.eye(2), (b, h, 1, 1)), np.full((b, h), -np.inf)
-    axes = np.full(b, 2)
-    for i, node in enumerate(graph.bearings):
-        for k, weight in enumerate(node.bearing.weight):
-            u, columns, spread = observed_in_body(node, k)
-            d = columns.shape[1]
-            direction[i, k], basis[i, k, :, :d], covariance[i, k, :d, :d] = u, columns, spread
-            log_weight[i, k], axes[i] = np.log(max(weight, 1e-300)), d
-    told = [r.measurement.outlier_mass for r in graph.ranges]
-    range_mass = [graph.config.range_outlier_mass if mass is None else mass for mass in told]
-    bias_at = {key: i for i, key in enumerate(graph.bias_keys)}
+    for i, t in enumerate(told):
+        n = len(t.log_weight)
+        direction[i, :n], basis[i, :n], covariance[i, :n] = t.direction, t.basis, t.covariance
+        log_weight[i, :n] = t.log_weight
+    mass = [node.bearing.outlier_mass for node in bearings]
+    for node in ranges:
+        own = node.measurement.outlier_mass
+        mass.append(range_outlier_mass if own is None else own)
     return MeasurementTerms(
-        pose_keys=keys,
-        bias_keys=graph.bias_keys,
+        pose_keys=pose_keys,
+        bias_keys=bias_keys,
         observer=np.array([at[s.observer_key] for s in sights], dtype=int),
         peer=np.array([at[s.peer_key] for s in sights], dtype=int),
         observer_body_m=np.array([s.observer_body_m for s in sights], dtype=float).reshape(-1, 3),
@@ -176,9 +222,9 @@ def measurement_terms(graph: LocalizationGraph) -> MeasurementTerms:
         basis=basis,
         covariance=covariance,
         log_weight=log_weight,
-        axes=axes,
-        outlier_mass=np.array([*(n.bearing.outlier_mass for n in graph.bearings), *range_mass], dtype=float),
-        range_m=np.array([r.measurement.range_m for r in graph.ranges], dtype=float),
-        sigma_m=np.array([r.measurement.sigma_m for r in graph.ranges], dtype=float),
-        bias=np.array([bias_at[r.bias_key] for r in graph.ranges], dtype=int),
+        axes=np.array([t.axes for t in told], dtype=int),
+        outlier_mass=np.array(mass, dtype=float),
+        range_m=np.array([r.measurement.range_m for r in ranges], dtype=float),
+        sigma_m=np.array([r.measurement.sigma_m for r in ranges], dtype=float),
+        bias=np.array([bias_at[r.bias_key] for r in ranges], dtype=int),
     )

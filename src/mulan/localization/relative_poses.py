@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Self
 
 import numpy as np
 from jaxtyping import Float
@@ -68,7 +67,7 @@ class _Pair:
     by_keyframe: Mapping[tuple[str, int], Float[NDArray, "6 6"]]
 
     @classmethod
-    def at(cls, robot: str, peer: str, time_s: float, peer_time_s: float, pose_at: PoseAt) -> Self:
+    def at(cls, robot: str, peer: str, time_s: float, peer_time_s: float, pose_at: PoseAt) -> "_Pair":
         """``T_robot_peer = T_world_robot⁻¹ T_world_peer`` at an instant of each one's clock."""
         first, second = pose_at(robot, time_s), pose_at(peer, peer_time_s)
         T = se3.inverse(first.T_world_body) @ second.T_world_body
