@@ -33,7 +33,7 @@ def draw_curves(metrics: dict[str, Any], path: Path) -> None:
                 panel.plot(*zip(*curve, strict=True), ".-", lw=1, label=name.replace("_", ", "))
         panel.set(xscale="log", xlabel="training time [s]", title=PANELS[scene])
         panel.grid(alpha=0.3)
-        panel.legend(fontsize=8)
+        panel.legend(loc="center right", fontsize=8)
     axes[0][0].set_ylabel("mean PSNR of held-out views [dB]")
     write_atomically(path, lambda temporary: figure.savefig(temporary, dpi=130, bbox_inches="tight"))
     plt.close(figure)
