@@ -22,6 +22,7 @@ from mulan.reconstruction.refinement.posterior import marginal_blocks, posterior
 from mulan.reconstruction.refinement.refinement_config import RefinementConfig
 from mulan.reconstruction.refinement.registered_file import read_registered, write_registered
 from mulan.reconstruction.refinement.registration import register
+from mulan.reconstruction.robot_exposure import RobotExposure
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.trainer import TrainingResult, TrainingStatus, train
 from mulan.reconstruction.weights import Weighting
@@ -124,12 +125,13 @@ def refine_and_train(
         raise InputError(
             "--refine-poses", "device", "is a GPU, where it is not built yet", "give --device cpu"
         )
+    exposure = RobotExposure(images.train, config.seed) if config.robot_exposure else None
     registered = run.root / "registered.safetensors"
     found = read_registered(registered, state, images, refinement, config.seed)
     if found is None:
         began = time.perf_counter()
         captured = load_captured(images.train, min(refinement.image_size, config.image_size))
-        doubted = register(captured, state, refinement, config.seed, progress)
+        doubted = register(captured, state, refinement, config.seed, progress, exposure)
         seconds = time.perf_counter() - began
         write_registered(registered, state, doubted, images, refinement, config.seed, seconds)
     else:
@@ -137,12 +139,14 @@ def refine_and_train(
     believed, believed_state = without(images, state, doubted)
     exact = at_poses(believed, believed_state, None)
     tracker = PoseTracker(believed_state, refinement, config.seed) if len(believed_state.T) else None
-    training = train(exact, weighting, config, run, follow, between_steps=tracker)
+    training = train(exact, weighting, config, run, follow, between_steps=tracker, exposure=exposure)
     state.T[~doubted], state.T[doubted] = believed_state.T, state.prior.T_world_camera[doubted]
     covariance = state.prior.blocks.copy()
     if len(believed_state.T):
         data = ImageTensors(load_captured(believed.train, config.image_size))
         believed_state.place(data)
+        if exposure:
+            exposure.begin(data)
         joint = posterior_covariance(
             training.engine, ComparedPixels(data), believed_state, refinement, config.seed + 5
         )
