@@ -38,8 +38,7 @@ class Options:
     seeds: int = 5
     """Repetitions; each draws its own noise and field."""
     drift: EnumChoicesFromValues[Drift] = Drift.BOTH
-    """Whose odometry drifts in C, D, ours and E: that of both robots, so that none is exact, or only the second
-    one's."""
+    """Whose odometry drifts in C, D, ours and E: both robots', so that none is exact, or the second one's."""
     split: EnumChoicesFromValues[Split] = Split.AZIMUTH
     """Who takes which photograph: half of the directions each, half by lot, or 15 each."""
     only: str = ""

@@ -22,8 +22,8 @@ class PosedPixels(ABC):
     Attributes:
         images: The photographs.
         T_world_camera: Camera poses, float32; replace them to learn from corrected poses.
-        image_gain: How much brighter each photograph shows red, green and blue than the field is to; its rays'
-            colours are divided by that. None = not at all.
+        image_gain: How much brighter each photograph shows red, green and blue than the field is to; colours
+            of its rays are divided by that. None = not at all.
     """
 
     def __init__(self, images: Sequence[CapturedImage]) -> None:

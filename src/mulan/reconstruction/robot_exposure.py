@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -17,7 +17,9 @@ from mulan.mission.posed_images import PosedImage
 from mulan.radiance.engine import RadianceEngine, Rendering
 from mulan.reconstruction.captured_image import CapturedImage
 from mulan.reconstruction.posed_pixels import PosedPixels
-from mulan.reconstruction.shared_colours import SharedColours, shared_colours
+from mulan.reconstruction.shared_colours import shared_colours
+
+_EQUAL = 0.01  # places that say cameras are equal, where no others do
 
 
 @dataclass(frozen=True)
@@ -26,14 +28,15 @@ class ExposureConfig:
 
     every: int = 25
     """Steps of the field between two fits."""
-    points: int = 2048
+    points: int = 4096
     """Places looked up in a photograph of another robot in each fit."""
     first_from: float = 0.03
     """Share of the training before which gains rest: the field has no surfaces yet."""
     kept: float = 0.8
     """Share of what earlier fits saw that still counts: the field's surfaces grow better."""
-    equal_pairs: float = 5.0
-    """Pairs of pixels that would have to say otherwise: so strongly cameras are held to be equal."""
+    log_ratio_scale: float = 0.1
+    """Pairs of pixels farther from the median than this, in log-brightness, count less (Cauchy's weights):
+    one shows something else, or a highlight."""
 
 
 class RobotExposure:
@@ -47,9 +50,7 @@ class RobotExposure:
         log_gain: Natural logarithms of their gains for red, green and blue.
     """
 
-    def __init__(
-        self, images: Sequence[PosedImage], seed: int, config: ExposureConfig | None = None
-    ) -> None:
+    def __init__(self, images: Sequence[PosedImage], seed: int, config: ExposureConfig | None = None) -> None:
         """Begin with equal cameras.
 
         Args:
@@ -61,8 +62,8 @@ class RobotExposure:
         n = len(self.robots)
         self.log_gain: Float[NDArray, "robots 3"] = np.zeros((n, 3))
         self._config, self._random = config or ExposureConfig(), torch.Generator().manual_seed(seed + 6)
-        # summed colours of the first robot's photographs at places it shares with the second, and how many
-        self._sum, self._pairs = np.zeros((n, n, 3)), np.zeros((n, n))
+        # of each pair of robots: trust in what their shared places said, and the log-ratios times it
+        self._trust, self._told = np.zeros((n, n, 3)), np.zeros((n, n, 3))
 
     @property
     def gains(self) -> Mapping[str, list[float]]:
@@ -88,17 +89,22 @@ class RobotExposure:
         """Gains that best explain what the robots' photographs show of the places they share."""
         robot = np.array([self.robots.index(image.posed.robot_id or "") for image in data.images])
         seen = shared_colours(engine, data, robot, self._config.points, self._random)
-        self._add(seen, robot)
-        self.log_gain = log_gains(self._sum, self._pairs, self._config.equal_pairs)
+        self._trust *= self._config.kept
+        self._told *= self._config.kept
+        for i in range(len(self.robots)):
+            for j in range(i + 1, len(self.robots)):
+                self._listen(seen.log_ratios(robot, i, j), i, j)
+        self.log_gain = log_gains(self._told, self._trust)
         self.begin(data)
 
-    def _add(self, seen: SharedColours, robot: Int[NDArray, "n"]) -> None:
-        self._sum *= self._config.kept
-        self._pairs *= self._config.kept
-        for this, other in ((0, 1), (1, 0)):
-            pair = robot[seen.image[:, this]], robot[seen.image[:, other]]
-            np.add.at(self._sum, pair, seen.colour[:, this])
-            np.add.at(self._pairs, pair, 1)
+    def _listen(self, log_ratio: Float[NDArray, "p 3"], i: int, j: int) -> None:
+        for c, column in enumerate(log_ratio.T):
+            told = column[np.isfinite(column)]
+            if len(told):
+                off = (told - np.median(told)) / self._config.log_ratio_scale
+                trust = 1 / (1 + off**2)
+                self._trust[i, j, c] += trust.sum()
+                self._told[i, j, c] += (trust * told).sum()
 
     def shown(self, rendering: Rendering, image: CapturedImage) -> Rendering:
         """A rendering as the camera of the image's robot would show it."""
@@ -109,7 +115,7 @@ class RobotExposure:
 
     def state(self) -> dict[str, Tensor]:
         """What a checkpoint must keep."""
-        numbers = {"log_gain": self.log_gain, "sum": self._sum, "pairs": self._pairs}
+        numbers = {"log_gain": self.log_gain, "trust": self._trust, "told": self._told}
         kept = {f"exposure.{name}": torch.from_numpy(value.copy()) for name, value in numbers.items()}
         return {**kept, "exposure.generator": self._random.get_state()}
 
@@ -120,36 +126,30 @@ class RobotExposure:
             ValueError: Something is missing, or belongs to other robots.
         """
         try:
-            numbers = [saved.pop(f"exposure.{name}").numpy().copy() for name in ("log_gain", "sum", "pairs")]
+            numbers = [saved.pop(f"exposure.{name}").numpy().copy() for name in ("log_gain", "trust", "told")]
             generator = saved.pop("exposure.generator")
         except KeyError as error:
             raise ValueError(f"the saved training lacks {error}") from error
-        mine = (self.log_gain, self._sum, self._pairs)
+        mine = (self.log_gain, self._trust, self._told)
         if any(a.shape != b.shape or not np.isfinite(a).all() for a, b in zip(numbers, mine, strict=True)):
             raise ValueError("the saved gains are of other robots")
-        self.log_gain, self._sum, self._pairs = numbers
+        self.log_gain, self._trust, self._told = numbers
         self._random.set_state(generator)
 
 
 def log_gains(
-    total: Float[NDArray, "robots robots 3"], pairs: Float[NDArray, "robots robots"], equal_pairs: float
+    told: Float[NDArray, "robots robots 3"], trust: Float[NDArray, "robots robots 3"]
 ) -> Float[NDArray, "robots 3"]:
     """Logarithms of the gains by least squares over all pairs of robots, the first robot's being zero.
 
-    Two robots whose photographs of shared places have mean colours a and b tell ``log b - log a``, as surely
-    as they share places; the ratio of the means is not biased by what noise there is in single pixels.
-
     Args:
-        total: Summed colours of robot i's photographs at the places it shares with robot j.
-        pairs: How many places these are.
-        equal_pairs: Places that would have to say otherwise for cameras not to be equal.
+        told: Log-brightness of robot j's photographs over robot i's, times the trust in each place, summed.
+        trust: Sums of the trust. A robot that shares no place with any other counts as the first one's equal.
     """
-    n = len(pairs)
-    ratio = np.log(np.maximum(total.swapaxes(0, 1), 1e-6) / np.maximum(total, 1e-6))
-    ratio[pairs == 0] = 0
-    laplacian = np.diag(pairs.sum(1) + equal_pairs) - pairs
-    told = -(pairs[:, :, None] * ratio).sum(1)
-    solved = np.zeros((n, 3))
-    if n > 1:
-        solved[1:] = np.linalg.solve(laplacian[1:, 1:], told[1:])
+    solved = np.zeros((len(trust), 3))
+    for c in range(3 if len(trust) > 1 else 0):
+        both = trust[:, :, c] + trust[:, :, c].T
+        laplacian = np.diag(both.sum(1) + _EQUAL) - both
+        forces = told[:, :, c].sum(0) - told[:, :, c].sum(1)
+        solved[1:, c] = np.linalg.solve(laplacian[1:, 1:], forces[1:])
     return solved

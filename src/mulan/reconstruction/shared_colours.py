@@ -1,5 +1,6 @@
 """The same place of the scene in photographs of two robots: what each camera makes of its colour."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,9 @@ from mulan.radiance.engine import RadianceEngine, RayBatch
 from mulan.reconstruction.posed_pixels import PosedPixels
 
 _LEAST_OPACITY = 0.9  # of a ray that meets a surface, and of a pixel that shows nothing else
-_SAME_DEPTH = 0.03  # share of the distance within which two rays meet the same surface
+_SAME_DEPTH = 0.005  # share of the distance within which two rays meet the same surface, at least
+_CANDIDATES = 8  # photographs of which the nearest is looked into
+_DARK = 0.05  # colours below tell no ratio
 _CLIPPED = 254.5 / 255
 
 
@@ -27,6 +30,20 @@ class SharedColours:
 
     image: Int[NDArray, "p 2"]
     colour: Float[NDArray, "p 2 3"]
+
+    def log_ratios(self, robot: Int[NDArray, "n"], first: int, second: int) -> Float[NDArray, "q 3"]:
+        """The second robot's log-brightness over the first's, in all their pairs; NaN where too dark to tell.
+
+        Args:
+            robot: Which robot took each photograph.
+            first: One robot.
+            second: The other.
+        """
+        log = np.log(np.maximum(self.colour, 1e-3))
+        log[log.mean(1, keepdims=True).repeat(2, 1) < math.log(_DARK)] = np.nan
+        a, b = robot[self.image].T
+        ahead, behind = (a == first) & (b == second), (a == second) & (b == first)
+        return np.concatenate([(log[:, 1] - log[:, 0])[ahead], (log[:, 0] - log[:, 1])[behind]])
 
 
 def shared_colours(
@@ -50,7 +67,8 @@ def shared_colours(
     """
     first = torch.randint(len(data), (points,), generator=generator).numpy()
     at = torch.rand(points, generator=generator, dtype=torch.float64).numpy()
-    second = _of_another_robot(robot, first, generator)
+    T = data.T_world_camera.double().cpu().numpy()
+    second = _of_another_robot(robot, T[:, :3, 3], first, generator)
     first, at, second = (each[second >= 0] for each in (first, at, second))
     sizes = np.array([image.colour[..., 0].size for image in data.images])
     pixel = np.array([data.first_pixel(int(i)) for i in first], dtype=np.int64)
@@ -61,10 +79,11 @@ def shared_colours(
     if not len(first):
         return SharedColours(np.zeros((0, 2), dtype=np.int64), np.zeros((0, 2, 3)))
     other = _look(field, data, looked_up[visible])
-    place_m, T = one.place_m[visible], data.T_world_camera.double().cpu().numpy()
-    distance_m = np.linalg.norm(place_m - T[second, :3, 3], axis=1)
-    same = np.linalg.norm(other.place_m - place_m, axis=1) < _SAME_DEPTH * distance_m
-    same &= other.usable
+    distance_m = np.linalg.norm(one.place_m[visible] - T[second, :3, 3], axis=1)
+    # half a pixel aside, a slanting surface is deeper by about as much as half a pixel is wide
+    focal_px = np.array([data.images[i].camera.fx for i in second])
+    tolerance_m = np.maximum(_SAME_DEPTH, 0.5 / focal_px) * distance_m
+    same = other.usable & (np.abs(other.depth_m - distance_m) < tolerance_m)
     colour = np.stack([one.colour[visible], other.colour], 1)[same]
     return SharedColours(np.stack([first, second], 1)[same], colour)
 
@@ -72,6 +91,7 @@ def shared_colours(
 @dataclass(frozen=True)
 class _Looked:
     place_m: Float[NDArray, "p 3"]
+    depth_m: Float[NDArray, "p"]
     colour: Float[NDArray, "p 3"]
     usable: Bool[NDArray, "p"]
 
@@ -84,7 +104,8 @@ def _look(field: RadianceEngine, data: PosedPixels, pixel: Int[NDArray, "p"]) ->
     usable = (rendering.opacity > _LEAST_OPACITY) & (batch.weights > 0) & (colour < _CLIPPED).all(-1)
     if batch.opacity is not None:
         usable &= batch.opacity > _LEAST_OPACITY
-    return _Looked(place.double().cpu().numpy(), colour.double().cpu().numpy(), usable.cpu().numpy())
+    found = (place, rendering.depth_m, colour)
+    return _Looked(*(x.double().cpu().numpy() for x in found), usable.cpu().numpy())
 
 
 def _as_photographed(batch: RayBatch, data: PosedPixels) -> Float[Tensor, "r 3"]:
@@ -94,15 +115,20 @@ def _as_photographed(batch: RayBatch, data: PosedPixels) -> Float[Tensor, "r 3"]
 
 
 def _of_another_robot(
-    robot: Int[NDArray, "n"], image: Int[NDArray, "p"], generator: torch.Generator
+    robot: Int[NDArray, "n"],
+    position_m: Float[NDArray, "n 3"],
+    image: Int[NDArray, "p"],
+    generator: torch.Generator,
 ) -> Int[NDArray, "p"]:
-    """For each image one that another robot took; -1 where there is none."""
-    chance = torch.rand(len(image), generator=generator, dtype=torch.float64).numpy()
+    """For each image one of another robot, the nearest of a few drawn; -1 where there is none."""
+    chance = torch.rand(len(image), _CANDIDATES, generator=generator, dtype=torch.float64).numpy()
     found = np.full(len(image), -1)
     for own in np.unique(robot):
-        others, mine = np.flatnonzero(robot != own), robot[image] == own
-        if len(others):
-            found[mine] = others[(chance[mine] * len(others)).astype(np.int64)]
+        others, mine = np.flatnonzero(robot != own), np.flatnonzero(robot[image] == own)
+        if len(others) and len(mine):
+            drawn = others[(chance[mine] * len(others)).astype(np.int64)]
+            apart_m = np.linalg.norm(position_m[drawn] - position_m[image[mine], None], axis=-1)
+            found[mine] = drawn[np.arange(len(mine)), apart_m.argmin(1)]
     return found
 
 

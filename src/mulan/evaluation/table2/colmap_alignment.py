@@ -48,7 +48,7 @@ def between_robots(found: ColmapMap, odometry: PosedImageSet, anchor: str) -> Po
 
 
 def by_colmap_alone(found: ColmapMap, odometry: PosedImageSet, anchor: str) -> PosedImageSet:
-    """The photographs COLMAP placed, at its own poses; odometry of the anchor only carries them into the world.
+    """The photographs COLMAP placed, at its own poses; the anchor's odometry carries them into the world.
 
     Raises:
         AlignmentFailedError: There is no map, or it holds too few photographs of the anchor.

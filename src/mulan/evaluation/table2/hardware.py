@@ -36,8 +36,8 @@ class HardwareSource(LoopSource):
     Photographs, radio and the drift of the other robots do not depend on ``motion_captured``.
 
     Attributes:
-        motion_captured: Robots, from the first on, whose own track is by motion capture; where such a robot is
-            relative to the others, only the radio tells.
+        motion_captured: Robots, from the first on, whose own track is by motion capture; only the radio tells
+            where such a robot is relative to the others.
     """
 
     motion_captured: int = 0
