@@ -19,7 +19,7 @@ from mulan.reconstruction.weights import NoWeights
 from .cube_scene import cube_images
 
 FIELD = FieldConfig(levels=4, log2_table_size=11, base_resolution=8, finest_resolution=48, width=16)
-TRAINING = TrainConfig(image_size=40, steps=250, batch_samples=4096, checkpoint_every_s=1e9, field=FIELD)
+TRAINING = TrainConfig(image_size=32, steps=800, batch_samples=2048, checkpoint_every_s=1e9, field=FIELD)
 GAIN = np.array([0.6, 0.75, 0.9])
 
 
@@ -35,7 +35,7 @@ def through_another_camera(image, gain):
 
 def two_robots(folder, gain=None):
     """Every other photograph by beta, whose camera may be another one."""
-    images = cube_images(folder, train=24, test=3, side=40)
+    images = cube_images(folder, train=24, test=3, side=32)
     train = []
     for i, image in enumerate(images.train):
         named = replace(image, robot_id="ab"[i % 2])
@@ -74,7 +74,7 @@ def test_a_held_out_view_is_shown_in_the_colours_of_its_own_robot(tmp_path):
     images = two_robots(tmp_path)
     exposure = RobotExposure(images.train, 0)
     exposure.log_gain[1] = np.log(GAIN)
-    alpha, beta = load_captured(images.train[:2], 40)
+    alpha, beta = load_captured(images.train[:2], 32)
     opacity = torch.tensor([1.0, 0.5, 0.0])
     white = (1 - opacity)[:, None]
     rendering = Rendering(0.8 * opacity[:, None] + white, torch.ones(3), opacity, torch.zeros(3))

@@ -104,8 +104,8 @@ def _look(field: RadianceEngine, data: PosedPixels, pixel: Int[NDArray, "p"]) ->
     usable = (rendering.opacity > _LEAST_OPACITY) & (batch.weights > 0) & (colour < _CLIPPED).all(-1)
     if batch.opacity is not None:
         usable &= batch.opacity > _LEAST_OPACITY
-    found = (place, rendering.depth_m, colour)
-    return _Looked(*(x.double().cpu().numpy() for x in found), usable.cpu().numpy())
+    place, depth, colour = (x.double().cpu().numpy() for x in (place, rendering.depth_m, colour))
+    return _Looked(place, depth, colour, usable.cpu().numpy())
 
 
 def _as_photographed(batch: RayBatch, data: PosedPixels) -> Float[Tensor, "r 3"]:
