@@ -16,8 +16,8 @@ PAGE = ROOT / "docs" / "results.md"
 
 HEAD = """# Results
 
-Written by `python benchmarks/results_page.py` from the records in [benchmarks/results](../benchmarks/results):
-nothing here is typed by hand, and what was not measured is not here. `$MULAN_DATA` is the folder of the data sets.
+Written by `python benchmarks/results_page.py` from the records in [benchmarks/results](../benchmarks/results).
+Nothing here is typed by hand, and what was not measured is not here. `$MULAN_DATA` is the data sets' folder.
 """
 
 
