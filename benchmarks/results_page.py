@@ -16,8 +16,8 @@ PAGE = ROOT / "docs" / "results.md"
 
 HEAD = """# Results
 
-Written by `python benchmarks/results_page.py` from the records in [benchmarks/results](../benchmarks/results).
-Nothing here is typed by hand, and what was not measured is not here. `$MULAN_DATA` is the data sets' folder.
+`python benchmarks/results_page.py` wrote this from the records in [its folder](../benchmarks/results):
+nothing is typed by hand, and what was not measured is not here. `$MULAN_DATA` is the data sets' folder.
 """
 
 
