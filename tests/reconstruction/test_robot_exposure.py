@@ -4,22 +4,26 @@ import numpy as np
 import pytest
 import torch
 
+from mulan.geometry import se3
 from mulan.mission.pixels import encode_png, load_resized
 from mulan.mission.posed_images import PosedImageSet
 from mulan.mission.run_folder import RunFolder
 from mulan.radiance.config import FieldConfig
 from mulan.radiance.engine import Rendering
+from mulan.radiance.kernels.native_library import find_native_library
 from mulan.reconstruction.captured_image import load_captured
 from mulan.reconstruction.held_out import evaluate_held_out
+from mulan.reconstruction.refinement.refine import refine_and_train
 from mulan.reconstruction.robot_exposure import RobotExposure, log_gains
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.trainer import train
 from mulan.reconstruction.weights import NoWeights
 
 from .cube_scene import cube_images
+from .refinement.test_refine import QUICK
 
 FIELD = FieldConfig(levels=4, log2_table_size=11, base_resolution=8, finest_resolution=48, width=16)
-TRAINING = TrainConfig(image_size=32, steps=800, batch_samples=2048, checkpoint_every_s=1e9, field=FIELD)
+TRAINING = TrainConfig(image_size=32, steps=500, batch_samples=2048, checkpoint_every_s=1e9, field=FIELD)
 GAIN = np.array([0.6, 0.75, 0.9])
 
 
@@ -57,7 +61,7 @@ def test_robots_whose_cameras_differ_learn_as_well_as_equal_ones(tmp_path):
     _, reference_db = learnt(equal, tmp_path / "equal", exposure=False)
     _, ignored_db = learnt(different, tmp_path / "ignored", exposure=False)
     result, corrected_db = learnt(different, tmp_path / "corrected", exposure=True)
-    assert ignored_db < reference_db - 2
+    assert ignored_db < reference_db - 1.5
     assert corrected_db > reference_db - 0.5
     assert result.exposure is not None
     np.testing.assert_allclose(result.exposure.gains["b"], GAIN, rtol=0.04)
@@ -70,6 +74,40 @@ def test_equal_cameras_are_found_equal(tmp_path):
     np.testing.assert_allclose(result.exposure.gains["b"], 1, rtol=0.03)
 
 
+@pytest.mark.skipif(find_native_library()[0] is None, reason="slow without the native engine")
+def test_poses_come_right_although_cameras_differ(tmp_path):
+    images, rng = two_robots(tmp_path, GAIN), np.random.default_rng(0)
+    sigma = np.array([0.02, 0.02, 0.02, 0.06, 0.06, 0.06])
+    off = tuple(
+        replace(
+            image,
+            T_world_camera=image.T_world_camera @ se3.exp(sigma * rng.normal(size=6)),
+            pose_covariance=np.diag(sigma**2),
+        )
+        if image.robot_id == "b"
+        else image
+        for image in images.train
+    )
+    config = replace(TRAINING, steps=200, robot_exposure=True)
+    run = RunFolder(tmp_path / "run")
+    run.root.mkdir()
+    refined = refine_and_train(replace(images, train=off), NoWeights(), config, QUICK, run, lambda *_: None)
+    assert refined.doubted == ()
+    assert refined.training.exposure is not None
+    np.testing.assert_allclose(refined.training.exposure.gains["b"], GAIN, rtol=0.08)
+    before_m, after_m = (
+        np.median(
+            [
+                np.linalg.norm(image.T_world_camera[:3, 3] - true.T_world_camera[:3, 3])
+                for image, true in zip(at, images.train, strict=True)
+                if image.robot_id == "b"
+            ]
+        )
+        for at in (off, refined.images.train)
+    )
+    assert after_m < 0.6 * before_m
+
+
 def test_a_held_out_view_is_shown_in_the_colours_of_its_own_robot(tmp_path):
     images = two_robots(tmp_path)
     exposure = RobotExposure(images.train, 0)
@@ -77,7 +115,8 @@ def test_a_held_out_view_is_shown_in_the_colours_of_its_own_robot(tmp_path):
     alpha, beta = load_captured(images.train[:2], 32)
     opacity = torch.tensor([1.0, 0.5, 0.0])
     white = (1 - opacity)[:, None]
-    rendering = Rendering(0.8 * opacity[:, None] + white, torch.ones(3), opacity, torch.zeros(3))
+    colour = (0.8 * opacity[:, None] + white).expand(3, 3)
+    rendering = Rendering(colour, torch.ones(3), opacity, torch.zeros(3))
     assert torch.equal(exposure.shown(rendering, alpha).colour, rendering.colour)
     other = replace(alpha, posed=replace(alpha.posed, robot_id="held_out"))
     assert torch.equal(exposure.shown(rendering, other).colour, rendering.colour)

@@ -47,6 +47,7 @@ class RobotExposure:
 
     Attributes:
         robots: The robots' names; the first one's gain is one.
+        config: When gains are fitted, and from how much.
         log_gain: Natural logarithms of their gains for red, green and blue.
     """
 
@@ -61,7 +62,7 @@ class RobotExposure:
         self.robots = tuple(dict.fromkeys(image.robot_id or "" for image in images))
         n = len(self.robots)
         self.log_gain: Float[NDArray, "robots 3"] = np.zeros((n, 3))
-        self._config, self._random = config or ExposureConfig(), torch.Generator().manual_seed(seed + 6)
+        self.config, self._random = config or ExposureConfig(), torch.Generator().manual_seed(seed + 6)
         # of each pair of robots: trust in what their shared places said, and the log-ratios times it
         self._trust, self._told = np.zeros((n, n, 3)), np.zeros((n, n, 3))
 
@@ -82,15 +83,15 @@ class RobotExposure:
 
     def after_step(self, engine: RadianceEngine, data: PosedPixels, steps: int, fraction_done: float) -> None:
         """Fit the gains if it is time."""
-        if steps % self._config.every == 0 and fraction_done >= self._config.first_from:
+        if steps % self.config.every == 0 and fraction_done >= self.config.first_from:
             self.fit(engine, data)
 
     def fit(self, engine: RadianceEngine, data: PosedPixels) -> None:
         """Gains that best explain what the robots' photographs show of the places they share."""
         robot = np.array([self.robots.index(image.posed.robot_id or "") for image in data.images])
-        seen = shared_colours(engine, data, robot, self._config.points, self._random)
-        self._trust *= self._config.kept
-        self._told *= self._config.kept
+        seen = shared_colours(engine, data, robot, self.config.points, self._random)
+        self._trust *= self.config.kept
+        self._told *= self.config.kept
         for i in range(len(self.robots)):
             for j in range(i + 1, len(self.robots)):
                 self._listen(seen.log_ratios(robot, i, j), i, j)
@@ -101,7 +102,7 @@ class RobotExposure:
         for c, column in enumerate(log_ratio.T):
             told = column[np.isfinite(column)]
             if len(told):
-                off = (told - np.median(told)) / self._config.log_ratio_scale
+                off = (told - np.median(told)) / self.config.log_ratio_scale
                 trust = 1 / (1 + off**2)
                 self._trust[i, j, c] += trust.sum()
                 self._told[i, j, c] += (trust * told).sum()

@@ -127,13 +127,13 @@ def refine_and_train(
         )
     exposure = RobotExposure(images.train, config.seed) if config.robot_exposure else None
     registered = run.root / "registered.safetensors"
-    found = read_registered(registered, state, images, refinement, config.seed)
+    found = read_registered(registered, state, images, refinement, config.seed, exposure)
     if found is None:
         began = time.perf_counter()
         captured = load_captured(images.train, min(refinement.image_size, config.image_size))
         doubted = register(captured, state, refinement, config.seed, progress, exposure)
         seconds = time.perf_counter() - began
-        write_registered(registered, state, doubted, images, refinement, config.seed, seconds)
+        write_registered(registered, state, doubted, images, refinement, config.seed, seconds, exposure)
     else:
         doubted, seconds = found
     believed, believed_state = without(images, state, doubted)
