@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mulan.errors import InputError
 from mulan.mission.nerfstudio import write_transforms
+from mulan.mission.photograph_information import PhotographInformation, write_photograph_information
 from mulan.mission.posed_images import PosedImage, PosedImageSet
 from mulan.mission.run_folder import RunFolder
 from mulan.reconstruction.captured_image import load_captured
@@ -18,7 +19,11 @@ from mulan.reconstruction.refinement.compared_pixels import ComparedPixels
 from mulan.reconstruction.refinement.gauss_newton import PoseState
 from mulan.reconstruction.refinement.pose_prior import PosePrior
 from mulan.reconstruction.refinement.pose_tracker import PoseTracker
-from mulan.reconstruction.refinement.posterior import marginal_blocks, posterior_covariance
+from mulan.reconstruction.refinement.posterior import (
+    marginal_blocks,
+    photographs_information,
+    posterior_covariance,
+)
 from mulan.reconstruction.refinement.refinement_config import RefinementConfig
 from mulan.reconstruction.refinement.registered_file import read_registered, write_registered
 from mulan.reconstruction.refinement.registration import register
@@ -32,6 +37,7 @@ Progress = Callable[[float, float, str], None]
 
 
 REFINED = "transforms_refined.json"
+PHOTOGRAPHS = "photographs.safetensors"
 
 
 @dataclass(frozen=True)
@@ -96,7 +102,8 @@ def refine_and_train(
 
     Writes ``registered.safetensors`` (poses after registration, so that an interrupted run goes on from
     there), what :func:`mulan.reconstruction.trainer.train` writes, and ``transforms_refined.json`` with the
-    poses and their posterior covariance.
+    poses and their posterior covariance. Where robots and times are known also ``photographs.safetensors``,
+    what the photographs say of the poses, for 'mulan localize --photographs'.
 
     Args:
         images: Photographs; those without covariance are exact and stay.
@@ -147,14 +154,26 @@ def refine_and_train(
         believed_state.place(data)
         if exposure:
             exposure.begin(data)
-        joint = posterior_covariance(
+        information = photographs_information(
             training.engine, ComparedPixels(data), believed_state, refinement, config.seed + 5
         )
-        covariance[~doubted] = marginal_blocks(joint)
+        covariance[~doubted] = marginal_blocks(posterior_covariance(believed_state.prior, information))
+        _hand_to_localization(believed, believed_state, information, run)
     refined = at_poses(images, state, covariance)
     write_transforms(refined, run.root / REFINED)
     left_out = tuple(images.train[i] for i in state.image[doubted])
     return RefinedTraining(training, refined, seconds, left_out)
+
+
+def _hand_to_localization(
+    images: PosedImageSet, state: PoseState, information: Float[NDArray, "m m"], run: RunFolder
+) -> None:
+    chosen = [images.train[i] for i in state.image]
+    robots = [image.robot_id for image in chosen if image.robot_id is not None]
+    time_s = [image.timestamp_s for image in chosen if image.timestamp_s is not None]
+    if len(robots) == len(time_s) == len(chosen):
+        found = PhotographInformation(tuple(robots), np.array(time_s), state.T, information)
+        write_photograph_information(found, run.root / PHOTOGRAPHS)
 
 
 def without(
