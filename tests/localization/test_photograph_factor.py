@@ -52,7 +52,7 @@ def refined(rng, robots, away=None):
 
 def test_photographs_sharpen_poses_and_the_covariance_stays_honest():
     before, after, nees = [], [], []
-    for seed in range(6):
+    for seed in range(3):
         rng, robots, bearings, ranges = flown(seed)
         mission, config = Mission(robots), LocalizationConfig()
         for photographs, errors in ((None, before), (refined(rng, robots), after)):
