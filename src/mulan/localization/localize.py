@@ -106,10 +106,10 @@ def localize_from_measurements(
     poses = _TeamPoses(placed, learned, config)
     bearing_inlier = np.zeros(len(trusted.bearings))
     bearing_inlier[trusted.is_kept] = learned.solution.bearing_inlier
-    photographs = [(robot.name, float(t)) for robot in placed for t in robot.photo_time_s]
+    instants = [(robot.name, float(t)) for robot in placed for t in robot.photo_time_s]
     joint = None
-    if 0 < len(photographs) <= config.most_joint_photographs:
-        joint = poses.joint_covariance(photographs)
+    if 0 < len(instants) <= config.most_joint_photographs:
+        joint = poses.joint_covariance(instants)
     return Localization(
         anchor=robots[0].name,
         trajectories={robot.name: poses.trajectory(robot.name, robot.photo_time_s) for robot in placed},
