@@ -19,6 +19,7 @@ from mulan.localization.types import Localization
 from mulan.mission.bag_reader import read_mission
 from mulan.mission.extract import extract_photos
 from mulan.mission.nerfstudio import write_transforms
+from mulan.mission.photograph_information import read_photograph_information
 from mulan.mission.run_folder import RunFolder
 from mulan.wireless.bearing import BearingConfig
 
@@ -39,6 +40,8 @@ class Options:
     """Radio bearings."""
     calibration: Path | None = None
     """Calibration of the bearings made by 'mulan calibrate'."""
+    photographs: Path | None = None
+    """photographs.safetensors of a run whose poses were refined: they join odometry and radio as a factor."""
 
 
 def print_accuracy(figures: dict[str, RobotAccuracy]) -> None:
@@ -73,9 +76,10 @@ def localize_bag(bag: Path, run: RunFolder, options: Options) -> None:
     """
     mission = read_mission(bag)
     bearings = calibrated(options.bearings, options.calibration)
+    photographs = read_photograph_information(options.photographs) if options.photographs else None
     run.check_writable()
     with progress_bar("Localizing") as progress:
-        localization = localize(mission, options.graph, bearings, progress)
+        localization = localize(mission, options.graph, bearings, progress, photographs)
     localization.require_any_placed()
     write_localization(localization, mission, run)
     files = extract_photos(mission, run)

@@ -92,6 +92,7 @@ class LocalizationGraph:
         bearings, ranges: Measurements with their keys.
         bias_keys: One a pair of robots.
         config: Options.
+        photographs: What refined photographs say of the keyframes at them, if they were handed in.
     """
 
     robots: Mapping[str, Keyframes]
@@ -99,6 +100,7 @@ class LocalizationGraph:
     ranges: tuple[RangeNode, ...]
     bias_keys: tuple[int, ...]
     config: LocalizationConfig
+    photographs: gtsam.NonlinearFactor | None = None
 
     def key(self, robot: str, index: int) -> int:
         """Key of a keyframe."""
@@ -115,7 +117,7 @@ class LocalizationGraph:
         return values
 
     def motion_factors(self) -> gtsam.NonlinearFactorGraph:
-        """Odometry, gravity, the anchor's first pose, floor, bias priors: everything without outliers."""
+        """Odometry, gravity, the anchor's first pose, floor, biases, photographs: all without outliers."""
         graph = gtsam.NonlinearFactorGraph()
         config = self.config
         anchor = next(iter(self.robots.values()))
@@ -147,6 +149,8 @@ class LocalizationGraph:
         bias = gtsam.noiseModel.Isotropic.Sigma(1, max(config.range_bias_sigma_m, 1e-6))
         for key in self.bias_keys:
             graph.add(gtsam.PriorFactorVector(key, np.zeros(1), bias))
+        if self.photographs is not None:
+            graph.add(self.photographs)
         return graph
 
 

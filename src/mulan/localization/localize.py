@@ -1,6 +1,7 @@
 """From a mission to every robot's poses in one frame, with covariance."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -12,9 +13,12 @@ from mulan.geometry import se3
 from mulan.localization.graph import LocalizationConfig
 from mulan.localization.interpolation import Between, pose_between
 from mulan.localization.odometry_learning import LearnedOdometry, learn_odometry
+from mulan.localization.photograph_factor import photograph_factor
 from mulan.localization.relative_poses import relative_poses
+from mulan.localization.solve import refine_solution
 from mulan.localization.trust import solve_trusting
 from mulan.localization.types import Localization, PosedTrajectory
+from mulan.mission.photograph_information import PhotographInformation
 from mulan.mission.types import Mission, RobotLog
 from mulan.wireless.bearing import BearingConfig, estimate_bearings
 from mulan.wireless.ranging import thin_ranges
@@ -80,25 +84,32 @@ def localize_from_measurements(
     ranges: Sequence[Range],
     config: LocalizationConfig,
     progress: Callable[[int, int, str], None] | None = None,
+    photographs: PhotographInformation | None = None,
 ) -> Localization:
     """Poses from bearings and ranges already at hand; the first robot is the anchor.
 
     Robots that cannot be placed yet are listed in the result with what they lack; the others are solved
-    without them.
+    without them. What refined photographs say joins the graph once the team is placed: they cannot place
+    it, since all cameras moved alike see the same.
 
     Raises:
-        InputError: A robot's photographs lie outside its odometry.
+        InputError: A robot's photographs lie outside its odometry, or the refined ones are not the mission's.
     """
     trusted = solve_trusting(robots, bearings, ranges, config, progress)
     placed = [robot for robot in robots if robot.name in trusted.graph.robots]
-    learned = learn_odometry(placed, trusted.graph, trusted.solution)
+    graph, solution = trusted.graph, trusted.solution
+    if photographs is not None:
+        key_of = {name: graph.key(name, 0) for name in graph.robots}
+        graph = replace(graph, photographs=photograph_factor(photographs, robots, graph.robots, key_of))
+        solution = refine_solution(graph, solution)
+    learned = learn_odometry(placed, graph, solution)
     poses = _TeamPoses(placed, learned, config)
     bearing_inlier = np.zeros(len(trusted.bearings))
     bearing_inlier[trusted.is_kept] = learned.solution.bearing_inlier
-    photographs = [(robot.name, float(t)) for robot in placed for t in robot.photo_time_s]
+    instants = [(robot.name, float(t)) for robot in placed for t in robot.photo_time_s]
     joint = None
-    if 0 < len(photographs) <= config.most_joint_photographs:
-        joint = poses.joint_covariance(photographs)
+    if 0 < len(instants) <= config.most_joint_photographs:
+        joint = poses.joint_covariance(instants)
     return Localization(
         anchor=robots[0].name,
         trajectories={robot.name: poses.trajectory(robot.name, robot.photo_time_s) for robot in placed},
@@ -123,6 +134,7 @@ def localize(
     config: LocalizationConfig,
     bearing_config: BearingConfig,
     progress: Callable[[int, int, str], None] | None = None,
+    photographs: PhotographInformation | None = None,
 ) -> Localization:
     """Every robot's photograph poses in the anchor's start frame, from what the mission recorded.
 
@@ -131,6 +143,7 @@ def localize(
         config: Graph options.
         bearing_config: Radio options.
         progress: Called with (done, total, what).
+        photographs: What refining the photographs' poses said, if they were.
 
     Raises:
         InputError: A recording is unusable; says which and why. Robots that cannot be placed are no error:
@@ -140,4 +153,4 @@ def localize(
         raise InputError("mission", "robots", "there are none", "record at least one robot")
     bearings = estimate_bearings(mission.robots, bearing_config, progress)
     ranges = thin_ranges(mission.robots, config.ranging)
-    return localize_from_measurements(mission.robots, bearings, ranges, config, progress)
+    return localize_from_measurements(mission.robots, bearings, ranges, config, progress, photographs)

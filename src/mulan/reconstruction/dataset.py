@@ -22,6 +22,7 @@ class ImageTensors(PosedPixels):
     Attributes:
         images: The photographs.
         T_world_camera: Camera poses, float32; replace them to learn from corrected poses.
+        image_gain: See :class:`PosedPixels`.
         weights: Trust in each pixel, [pixels].
     """
 
@@ -87,8 +88,7 @@ class ImageTensors(PosedPixels):
         )
         return fingerprint_of(colours.hexdigest(), weights, directions, self.T_world_camera)
 
-    def rays(self, pixel: Int[Tensor, "r"]) -> RayBatch:
-        """Rays of pixels numbered through all images, row by row."""
+    def _rays(self, pixel: Int[Tensor, "r"]) -> RayBatch:
         in_main_memory = self._colour.device.type == "cpu"
         return gather_rays(self._table(), pixel, find_native_library()[0] if in_main_memory else None)
 

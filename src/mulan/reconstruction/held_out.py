@@ -16,6 +16,7 @@ from mulan.radiance.engine import RadianceEngine, Rendering
 from mulan.reconstruction.captured_image import CapturedImage
 from mulan.reconstruction.dataset import ImageTensors
 from mulan.reconstruction.posed_pixels import PosedPixels
+from mulan.reconstruction.robot_exposure import RobotExposure
 from mulan.reconstruction.sub_pixels import Renders
 
 
@@ -40,6 +41,7 @@ def evaluate_held_out(
     keep: int = 6,
     sub_pixels: int = 1,
     judges: Sequence[ViewJudge] = (),
+    exposure: RobotExposure | None = None,
 ) -> dict[str, Any]:
     """Render every held-out view, compare, and keep some pictures in ``renders/``.
 
@@ -50,6 +52,8 @@ def evaluate_held_out(
         keep: How many views to keep, spread over the set.
         sub_pixels: Rays a side of a pixel; the field's description says what it was learnt for.
         judges: Further figures of merit, added to each view and to the means.
+        exposure: How the robots' cameras differ; each view is shown as its own robot's would, one of no robot
+            among them as the first one's.
 
     Returns:
         ``views`` (name, psnr_db, ssim each), ``psnr_db`` and ``ssim``, the means over the views, or None
@@ -64,6 +68,7 @@ def evaluate_held_out(
         # one at a time: all of them together may not fit into memory
         view = ImageTensors([image])
         rays, rendering = view.image_rays(0), view.render(engine, 0, sub_pixels)
+        rendering = rendering if exposure is None else exposure.shown(rendering, image)
         h, w = image.colour.shape[:2]
         view = {
             "name": image.posed.path.name,

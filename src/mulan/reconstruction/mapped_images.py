@@ -84,8 +84,7 @@ class MappedImages(PosedPixels):
         weights, directions = self._weights.digest, self._directions.digest
         return fingerprint_of(self._photographs.digest, weights, directions, self.T_world_camera)
 
-    def rays(self, pixel: Int[Tensor, "r"]) -> RayBatch:
-        """Rays of pixels."""
+    def _rays(self, pixel: Int[Tensor, "r"]) -> RayBatch:
         pixel = pixel.cpu()
         image = torch.searchsorted(self._first_pixel, pixel, right=True) - 1
         rows = (pixel + self._direction_shift[image]).numpy()

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -21,6 +22,8 @@ class PosedPixels(ABC):
     Attributes:
         images: The photographs.
         T_world_camera: Camera poses, float32; replace them to learn from corrected poses.
+        image_gain: How much brighter each photograph shows red, green and blue than the field is to; colours
+            of its rays are divided by that. None = not at all.
     """
 
     def __init__(self, images: Sequence[CapturedImage]) -> None:
@@ -41,6 +44,7 @@ class PosedPixels(ABC):
         self.T_world_camera = torch.from_numpy(poses).float()
         self._focal_px = torch.tensor([[image.camera.fx, image.camera.fy] for image in self.images])
         self._device = torch.device("cpu")
+        self.image_gain: Float[Tensor, "n 3"] | None = None
 
     def __len__(self) -> int:
         """Number of images."""
@@ -59,9 +63,17 @@ class PosedPixels(ABC):
     def fingerprint(self) -> str:
         """Short digest of colours, weights, poses and lenses: two sets that differ in any differ in it."""
 
-    @abstractmethod
     def rays(self, pixel: Int[Tensor, "r"]) -> RayBatch:
-        """Rays of pixels."""
+        """Rays of pixels; what the object was cut out of, white, has no gain."""
+        batch = self._rays(pixel)
+        if self.image_gain is None:
+            return batch
+        white = 0.0 if batch.opacity is None else (1 - batch.opacity)[:, None]
+        return replace(batch, colours=(batch.colours - white) / self.image_gain[batch.image_index] + white)
+
+    @abstractmethod
+    def _rays(self, pixel: Int[Tensor, "r"]) -> RayBatch:
+        """Rays of pixels, their colours as photographed."""
 
     @abstractmethod
     def _drawn(self, number: Int[Tensor, "r"]) -> Int[Tensor, "r"]:

@@ -43,7 +43,8 @@ def reconstruct(
     Returns:
         What it writes to metrics.json: ``psnr_db``, ``ssim`` (None without held-out views), ``views``,
         ``train_seconds``, ``steps``, ``samples_per_s``, ``made_from``; with refinement also
-        ``registration_seconds``, ``median_correction_m`` and ``doubted``, the names of the images left out.
+        ``registration_seconds``, ``median_correction_m`` and ``doubted``, the names of the images left out;
+        where cameras differ, ``robot_gains`` for red, green and blue by robot.
 
     Raises:
         InputError: See :func:`mulan.reconstruction.trainer.train`; or several processes were to refine poses.
@@ -91,10 +92,14 @@ def reconstruct(
         "samples_per_s": result.samples / max(result.seconds, 1e-9),
         "made_from": made_from,
     }
+    if result.exposure:
+        metrics["robot_gains"] = dict(result.exposure.gains)
     with group.all_or_none() if group else nullcontext():
         if leads:
             sub_pixels = result.description.sub_pixels
-            metrics |= evaluate_held_out(result.engine, result.test, run, sub_pixels=sub_pixels)
+            metrics |= evaluate_held_out(
+                result.engine, result.test, run, sub_pixels=sub_pixels, exposure=result.exposure
+            )
             write_json(run.metrics, metrics)
     return group.broadcast_json(metrics) if group else metrics
 

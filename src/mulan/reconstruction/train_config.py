@@ -37,6 +37,9 @@ class TrainConfig:
     """Last share of the training in which a pixel is two rays judged by their mean; the field's pictures then
     have four rays a pixel. 0 = rays through the pixels' centres only, which render four times as fast; chosen
     by the kind of scene if not given."""
+    robot_exposure: bool = False
+    """Learn how much brighter each robot's camera shows red, green and blue than the first robot's, in whose
+    colours the field's pictures then are."""
     seed: int = 0
     """Of the initial field, the batches and the sampling."""
     evaluate_every_s: float = 15.0

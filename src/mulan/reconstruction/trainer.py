@@ -25,6 +25,7 @@ from mulan.reconstruction.held_out import psnr_db
 from mulan.reconstruction.photographs import load_photographs
 from mulan.reconstruction.posed_pixels import PosedPixels
 from mulan.reconstruction.process_group import ProcessGroup
+from mulan.reconstruction.robot_exposure import RobotExposure
 from mulan.reconstruction.scene_space import choose_space
 from mulan.reconstruction.sub_pixels import Antialiasing
 from mulan.reconstruction.train_config import TrainConfig
@@ -89,6 +90,7 @@ class TrainingResult:
         test: Held-out photographs at the size trained at, for :func:`evaluate_held_out`.
         history: Training curve, as in ``history.json``.
         steps, seconds, samples: Optimiser steps, seconds of learning, field evaluations.
+        exposure: How the robots' cameras differ, if that was learnt.
     """
 
     engine: RadianceEngine
@@ -98,6 +100,7 @@ class TrainingResult:
     steps: int
     seconds: float
     samples: int
+    exposure: RobotExposure | None = None
 
 
 def train(
@@ -108,6 +111,7 @@ def train(
     progress: Callable[[TrainingStatus], None] | None = None,
     group: ProcessGroup | None = None,
     between_steps: BetweenSteps | None = None,
+    exposure: RobotExposure | None = None,
 ) -> TrainingResult:
     """Learn a field and write it to the run, resuming an unfinished training of the same options and images.
 
@@ -122,13 +126,17 @@ def train(
         progress: Called after every step.
         group: The processes that train together; each calls this with the same arguments, one writes.
         between_steps: Acts between the steps, as pose refinement does; not with several processes.
+        exposure: Gains of the robots' cameras to go on from, where they are learnt.
 
     Raises:
         InputError: There is no photograph, one is damaged, no pixel has weight, an option makes no sense, or
             an unfinished training in the run was started with other options or images.
     """
+    if config.robot_exposure:
+        exposure = exposure or RobotExposure(images.train, config.seed)
+    acting = tuple(one for one in (exposure, between_steps) if one is not None)
     with group.all_or_none() if group else nullcontext():
-        loop, description = _prepare(images, weighting, config, run, group, between_steps)
+        loop, description = _prepare(images, weighting, config, run, group, acting)
     loop.start()
     loop.run_to_end(progress)
     state = loop.state
@@ -138,7 +146,14 @@ def train(
             write_json(run.history, list(state.history))
             run.checkpoint.unlink(missing_ok=True)
     return TrainingResult(
-        loop.engine, description, loop.test, state.history, state.steps, state.seconds, state.samples
+        loop.engine,
+        description,
+        loop.test,
+        state.history,
+        state.steps,
+        state.seconds,
+        state.samples,
+        exposure,
     )
 
 
@@ -148,10 +163,10 @@ def _prepare(
     config: TrainConfig,
     run: RunFolder,
     group: ProcessGroup | None,
-    between_steps: BetweenSteps | None,
+    acting: tuple[BetweenSteps, ...],
 ) -> tuple["_Loop", FieldDescription]:
     """The photographs in memory and an untrained field."""
-    _check(images, config)
+    _check(images, config, group)
     photographs = load_photographs(images, config, run.root / "decoded", group)
     captured, test = photographs.train, photographs.test
     space = choose_space(captured)
@@ -173,9 +188,7 @@ def _prepare(
     data.move_to(device)
     identity = _identity(config, weighting, description, optimiser, data)
     identity["processes"] = group.place.processes if group else 1
-    loop = _Loop(
-        config, space.unbounded, antialiasing, engine, data, test, run, identity, group, between_steps
-    )
+    loop = _Loop(config, space.unbounded, antialiasing, engine, data, test, run, identity, group, acting)
     return loop, description
 
 
@@ -193,9 +206,9 @@ class _Loop:
         run: RunFolder,
         identity: dict[str, Any],
         group: ProcessGroup | None,
-        between_steps: BetweenSteps | None,
+        acting: tuple[BetweenSteps, ...],
     ) -> None:
-        self._between_steps = between_steps
+        self._acting = acting
         self._config, self._data, self._run = config, data, run
         self.engine, self.test = engine, test
         self._group, self._together = group, None
@@ -209,8 +222,8 @@ class _Loop:
         if self._writes and run.checkpoint.exists():
             tensors, self._sampler, self.state = read_checkpoint(run.checkpoint, identity)
             try:
-                if between_steps:
-                    between_steps.load_state(tensors)
+                for one in acting:
+                    one.load_state(tensors)
                 engine.load_state(tensors)
             except ValueError as error:
                 raise InputError(run.checkpoint, "field", str(error), "delete it to start anew") from error
@@ -221,8 +234,8 @@ class _Loop:
         if self._group:
             self._together = DataParallel(self._group, self.engine)
             self.state = self._together.share(self._sampler, self.state)
-        if self._between_steps:
-            self._between_steps.begin(self._data)
+        for one in self._acting:
+            one.begin(self._data)
         # a resumed training owes its next checkpoint and curve point from where it stands
         self._saved_s = self._evaluated_s = self.state.seconds
 
@@ -260,8 +273,8 @@ class _Loop:
         if not self._writes:
             return
         tensors = self.engine.state()
-        if self._between_steps:
-            tensors |= self._between_steps.state()
+        for one in self._acting:
+            tensors |= one.state()
         write_checkpoint(self._run.checkpoint, tensors, self._sampler, self.state, self._identity)
 
     def _step(self, learning_rate_factor: float) -> None:
@@ -273,9 +286,9 @@ class _Loop:
         else:
             draw = self._data.sample_pairs if pairs else self._data.sample
             report = self.engine.train_step(draw(s.rays, self._sampler), learning_rate_factor)
-            if self._between_steps:
-                done = self._config.fraction_done(s.steps, s.seconds)
-                self._between_steps.after_step(self.engine, self._data, s.steps + 1, done)
+            done = self._config.fraction_done(s.steps, s.seconds)
+            for one in self._acting:
+                one.after_step(self.engine, self._data, s.steps + 1, done)
             took = time.perf_counter() - began
         seconds = s.seconds + took
         error = report.mean_squared_error
@@ -325,7 +338,7 @@ class _Loop:
         self._evaluated_s = s.seconds
 
 
-def _check(images: PosedImageSet, config: TrainConfig) -> None:
+def _check(images: PosedImageSet, config: TrainConfig, group: ProcessGroup | None) -> None:
     if not images.train:
         raise InputError(images.source, "photographs", "there is none to learn from", "give at least one")
     for option, value in (
@@ -344,6 +357,9 @@ def _check(images: PosedImageSet, config: TrainConfig) -> None:
     if config.antialias_share is not None and not 0 <= config.antialias_share <= 1:
         problem = f"{config.antialias_share} is no share"
         raise InputError("--antialias-share", "value", problem, "give one between 0 and 1")
+    if config.robot_exposure and group:
+        problem = "cannot be learnt by several processes"
+        raise InputError("--robot-exposure", "torchrun", problem, "train in one process, or leave it out")
 
 
 def _identity(

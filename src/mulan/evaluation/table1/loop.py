@@ -17,6 +17,7 @@ from mulan.mission.extract import extract_photos
 from mulan.mission.nerfstudio import read_transforms, write_transforms
 from mulan.mission.posed_images import PosedImageSet
 from mulan.mission.run_folder import RunFolder, read_json, write_json
+from mulan.mission.types import Mission
 from mulan.simulation.from_images import ImageMissionConfig, simulate_from_images
 from mulan.simulation.recording import SensorConfig
 from mulan.simulation.timeline import TourConfig
@@ -66,14 +67,19 @@ class LoopSource(TeamSource):
         # rotations are made orthonormal as they are read: as every later call will have them
         return Team(read_transforms(true), read_transforms(believed), team.anchor)
 
-    def _localized(self, seed: int, run: RunFolder, progress: Progress) -> Team:
+    def mission(self, seed: int) -> Mission:
+        """What the robots record.
+
+        Raises:
+            InputError: The set cannot be flown past.
+        """
         images, split = self.images, "azimuth"
         if self.split is Split.RANDOM:
             split = "random"
         elif self.split is Split.FIFTEEN:
             alpha, beta = share_photographs(images, self.split, np.random.default_rng([seed, 3]))
             images = replace(images, train=(*alpha, *beta))
-        mission = simulate_from_images(
+        return simulate_from_images(
             images,
             ImageMissionConfig(
                 split=split,
@@ -83,6 +89,9 @@ class LoopSource(TeamSource):
                 sensors=self.sensors,
             ),
         )
+
+    def _localized(self, seed: int, run: RunFolder, progress: Progress) -> Team:
+        mission = self.mission(seed)
         files = extract_photos(mission, run)
         T_world_truth = world_from_truth(mission)
         assert T_world_truth is not None  # simulated robots know

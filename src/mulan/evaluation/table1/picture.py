@@ -1,5 +1,6 @@
 """The table as a picture: PSNR of every setup, and one held-out view with its errors."""
 
+import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from mulan.mission.run_folder import RunFolder, write_atomically
 
 _COLOURS = {"A": "#555555", "ours": "#0b6e99", "ours_weights": "#6db3d1"}
 _OTHER = "#c9a66b"
+_TITLE_LETTERS = 24  # a line above a picture
 _ERROR_SCALE = 0.3  # absolute colour error shown brightest
 
 
@@ -56,7 +58,7 @@ def draw_views(runs: Mapping[str, RunFolder], titles: Mapping[str, str], path: P
         rendered = _load(_picture(run, view, "rendered"))
         error = np.abs(rendered - true).mean(-1)
         axes[0][column].imshow(rendered)
-        axes[0][column].set_title(titles[name], fontsize=8)
+        axes[0][column].set_title(textwrap.fill(titles[name], _TITLE_LETTERS), fontsize=8)
         axes[1][column].imshow(error, cmap="magma", vmin=0, vmax=_ERROR_SCALE)
         psnr = -10 * np.log10(max(float(((rendered - true) ** 2).mean()), 1e-10))
         axes[1][column].set_title(f"{psnr:.1f} dB", fontsize=8)

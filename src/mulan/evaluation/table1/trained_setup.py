@@ -79,7 +79,14 @@ def trained_setup(
     write_transforms(ended_with, run.transforms)
     sub_pixels = training.description.sub_pixels
     figures = {
-        **evaluate_held_out(training.engine, training.test, run, sub_pixels=sub_pixels, judges=judges),
+        **evaluate_held_out(
+            training.engine,
+            training.test,
+            run,
+            sub_pixels=sub_pixels,
+            judges=judges,
+            exposure=training.exposure,
+        ),
         **camera_errors(team, ended_with),
         "train_seconds": training.seconds + registration_s,
         "wall_seconds": wall_s,

@@ -10,20 +10,21 @@ from mulan.radiance.engine import RadianceEngine
 from mulan.reconstruction.refinement.compared_pixels import ComparedPixels
 from mulan.reconstruction.refinement.gauss_newton import PoseState
 from mulan.reconstruction.refinement.photometric import residual_sigma, residuals
+from mulan.reconstruction.refinement.pose_prior import PosePrior
 from mulan.reconstruction.refinement.refinement_config import RefinementConfig
 from mulan.reconstruction.refinement.shared_points import joint_information, shared_points
 
 _SCALE_RAYS = 512  # pixels of each image that tell the size of its residuals
 
 
-def posterior_covariance(
+def photographs_information(
     field: RadianceEngine,
     compared: ComparedPixels,
     state: PoseState,
     config: RefinementConfig,
     seed: int,
 ) -> Float[NDArray, "m m"]:
-    """Covariance of all refined poses together (Laplace's approximation, the scene unknown too).
+    """What the photographs say of all refined poses together, localization's knowledge not in it.
 
     Residuals of a field are no noise: where it is wrong it shifts whole parts of a picture, whatever the
     number of pixels. So an image counts as a few independent residuals of the size found, not as one a pixel.
@@ -43,9 +44,18 @@ def posterior_covariance(
     draw = compared.draw(np.arange(len(data)), _SCALE_RAYS, area_px, generator)
     sigma = residual_sigma(residuals(field, data, draw, T), draw.weight)
     points = shared_points(field, compared, config.posterior_points, area_px, generator)
-    precision = state.prior.precision
-    known = precision if state.prior.is_joint else block_diag(*precision)
-    return np.linalg.inv(known + joint_information(points, sigma, state.image))
+    return joint_information(points, sigma, state.image)
+
+
+def posterior_covariance(prior: PosePrior, information: Float[NDArray, "m m"]) -> Float[NDArray, "m m"]:
+    """Covariance of all refined poses together (Laplace's approximation, the scene unknown too).
+
+    Args:
+        prior: What localization said.
+        information: What the photographs say.
+    """
+    known = prior.precision if prior.is_joint else block_diag(*prior.precision)
+    return np.linalg.inv(known + information)
 
 
 def marginal_blocks(covariance: Float[NDArray, "m m"]) -> Float[NDArray, "n 6 6"]:

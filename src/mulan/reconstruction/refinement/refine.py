@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mulan.errors import InputError
 from mulan.mission.nerfstudio import write_transforms
+from mulan.mission.photograph_information import PhotographInformation, write_photograph_information
 from mulan.mission.posed_images import PosedImage, PosedImageSet
 from mulan.mission.run_folder import RunFolder
 from mulan.reconstruction.captured_image import load_captured
@@ -18,10 +19,15 @@ from mulan.reconstruction.refinement.compared_pixels import ComparedPixels
 from mulan.reconstruction.refinement.gauss_newton import PoseState
 from mulan.reconstruction.refinement.pose_prior import PosePrior
 from mulan.reconstruction.refinement.pose_tracker import PoseTracker
-from mulan.reconstruction.refinement.posterior import marginal_blocks, posterior_covariance
+from mulan.reconstruction.refinement.posterior import (
+    marginal_blocks,
+    photographs_information,
+    posterior_covariance,
+)
 from mulan.reconstruction.refinement.refinement_config import RefinementConfig
 from mulan.reconstruction.refinement.registered_file import read_registered, write_registered
 from mulan.reconstruction.refinement.registration import register
+from mulan.reconstruction.robot_exposure import RobotExposure
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.trainer import TrainingResult, TrainingStatus, train
 from mulan.reconstruction.weights import Weighting
@@ -31,6 +37,7 @@ Progress = Callable[[float, float, str], None]
 
 
 REFINED = "transforms_refined.json"
+PHOTOGRAPHS = "photographs.safetensors"
 
 
 @dataclass(frozen=True)
@@ -95,7 +102,8 @@ def refine_and_train(
 
     Writes ``registered.safetensors`` (poses after registration, so that an interrupted run goes on from
     there), what :func:`mulan.reconstruction.trainer.train` writes, and ``transforms_refined.json`` with the
-    poses and their posterior covariance.
+    poses and their posterior covariance. Where robots and times are known also ``photographs.safetensors``,
+    what the photographs say of the poses, for 'mulan localize --photographs'.
 
     Args:
         images: Photographs; those without covariance are exact and stay.
@@ -124,33 +132,48 @@ def refine_and_train(
         raise InputError(
             "--refine-poses", "device", "is a GPU, where it is not built yet", "give --device cpu"
         )
+    exposure = RobotExposure(images.train, config.seed) if config.robot_exposure else None
     registered = run.root / "registered.safetensors"
-    found = read_registered(registered, state, images, refinement, config.seed)
+    found = read_registered(registered, state, images, refinement, config.seed, exposure)
     if found is None:
         began = time.perf_counter()
         captured = load_captured(images.train, min(refinement.image_size, config.image_size))
-        doubted = register(captured, state, refinement, config.seed, progress)
+        doubted = register(captured, state, refinement, config.seed, progress, exposure)
         seconds = time.perf_counter() - began
-        write_registered(registered, state, doubted, images, refinement, config.seed, seconds)
+        write_registered(registered, state, doubted, images, refinement, config.seed, seconds, exposure)
     else:
         doubted, seconds = found
     believed, believed_state = without(images, state, doubted)
     exact = at_poses(believed, believed_state, None)
     tracker = PoseTracker(believed_state, refinement, config.seed) if len(believed_state.T) else None
-    training = train(exact, weighting, config, run, follow, between_steps=tracker)
+    training = train(exact, weighting, config, run, follow, between_steps=tracker, exposure=exposure)
     state.T[~doubted], state.T[doubted] = believed_state.T, state.prior.T_world_camera[doubted]
     covariance = state.prior.blocks.copy()
     if len(believed_state.T):
         data = ImageTensors(load_captured(believed.train, config.image_size))
         believed_state.place(data)
-        joint = posterior_covariance(
+        if exposure:
+            exposure.begin(data)
+        information = photographs_information(
             training.engine, ComparedPixels(data), believed_state, refinement, config.seed + 5
         )
-        covariance[~doubted] = marginal_blocks(joint)
+        covariance[~doubted] = marginal_blocks(posterior_covariance(believed_state.prior, information))
+        _hand_to_localization(believed, believed_state, information, run)
     refined = at_poses(images, state, covariance)
     write_transforms(refined, run.root / REFINED)
     left_out = tuple(images.train[i] for i in state.image[doubted])
     return RefinedTraining(training, refined, seconds, left_out)
+
+
+def _hand_to_localization(
+    images: PosedImageSet, state: PoseState, information: Float[NDArray, "m m"], run: RunFolder
+) -> None:
+    chosen = [images.train[i] for i in state.image]
+    robots = [image.robot_id for image in chosen if image.robot_id is not None]
+    time_s = [image.timestamp_s for image in chosen if image.timestamp_s is not None]
+    if len(robots) == len(time_s) == len(chosen):
+        found = PhotographInformation(tuple(robots), np.array(time_s), state.T, information)
+        write_photograph_information(found, run.root / PHOTOGRAPHS)
 
 
 def without(

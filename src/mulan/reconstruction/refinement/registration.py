@@ -20,6 +20,7 @@ from mulan.reconstruction.refinement.gauss_newton import PoseState, gauss_newton
 from mulan.reconstruction.refinement.multi_start import restart, spread_starts
 from mulan.reconstruction.refinement.photometric import residual_sigma, residuals
 from mulan.reconstruction.refinement.refinement_config import CoarseStage, RefinementConfig
+from mulan.reconstruction.robot_exposure import RobotExposure
 from mulan.reconstruction.scene_space import choose_space
 from mulan.reconstruction.trainer import next_rays
 
@@ -46,6 +47,7 @@ def register(
     config: RefinementConfig,
     seed: int,
     progress: Progress,
+    exposure: RobotExposure | None = None,
 ) -> Bool[NDArray, "k"]:
     """Move the uncertain images of a set to where a common field explains all photographs.
 
@@ -55,6 +57,7 @@ def register(
         config: Stages.
         seed: Of field, batches and starts.
         progress: Called after every step of the field.
+        exposure: Gains of the robots' cameras, fitted along with the poses; None = cameras are equal.
 
     Returns:
         Which of the uncertain images fit nowhere near where localization has them.
@@ -80,6 +83,8 @@ def register(
             rays = next_rays(rays, report.samples, config.batch_samples)
             if compared and (step + 1) % config.pose_every == 0:
                 move_poses(compared, stage)
+                if exposure:
+                    exposure.fit(engine, compared.data)
             clock.tick(f"registering, {len(state.image)} images")
 
     def move_poses(compared: ComparedPixels, stage: CoarseStage) -> None:
@@ -89,9 +94,14 @@ def register(
         )
         state.place(compared.data)
 
-    smooth = blurred(images, config.first.blur_px)
-    learn(_tensors(smooth, anchored), config.first)
-    data = ImageTensors(smooth)
+    def tensors(stage: CoarseStage) -> ImageTensors:
+        data = ImageTensors(blurred(images, stage.blur_px))
+        if exposure:
+            exposure.begin(data)
+        return data
+
+    learn(_tensors(blurred(images, config.first.blur_px), anchored), config.first)
+    data = tensors(config.first)
     spread_starts(engine, data, state, config.multi_start, random)
     state.place(data)
     compared = ComparedPixels(data)
@@ -100,7 +110,7 @@ def register(
     lost = np.zeros(len(state.image), dtype=bool)
     for stage in stages:
         restart(engine, data, state, lost, config.multi_start, random)
-        data = ImageTensors(blurred(images, stage.blur_px))
+        data = tensors(stage)
         state.place(data)
         compared = ComparedPixels(data)
         learn(data, stage, compared)

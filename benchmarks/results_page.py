@@ -1,0 +1,121 @@
+"""Write docs/results.md from the records in benchmarks/results: ``python benchmarks/results_page.py``.
+
+A table is there only if its record is; every figure is the record's own.
+"""
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+RECORDS = ROOT / "benchmarks" / "results"
+PAGE = ROOT / "docs" / "results.md"
+
+HEAD = """# Results
+
+`python benchmarks/results_page.py` wrote this from the records in [its folder](../benchmarks/results):
+nothing is typed by hand, and what was not measured is not here. `$MULAN_DATA` is the data sets' folder.
+"""
+
+
+@dataclass(frozen=True)
+class Learning:
+    """How a record is shown."""
+
+    title: str
+    table: Callable[[dict[str, Any]], list[str]]
+    note: str
+
+
+def main() -> None:
+    PAGE.write_text(page())
+
+
+def page() -> str:
+    made_by = commands()
+    first = [folder for folder in LEARNING if (RECORDS / folder / "metrics.json").is_file()]
+    rest = [folder for folder in made_by if folder not in LEARNING]
+    return "\n".join([HEAD, *(section(folder, made_by[folder]) for folder in (*first, *rest))])
+
+
+def commands() -> dict[str, str]:
+    """The command behind each record, as their README names it."""
+    rows = re.findall(r"^\| `(\w+)` \| (.+) \|$", (RECORDS / "README.md").read_text(), re.MULTILINE)
+    return dict(rows)
+
+
+def section(folder: str, command: str) -> str:
+    metrics, shown = json.loads((RECORDS / folder / "metrics.json").read_text()), LEARNING.get(folder)
+    lines = [f"## {shown.title if shown else folder.replace('_', ' ').capitalize()}", "", command, ""]
+    lines += [made(metrics), *([shown.note, "", *shown.table(metrics)] if shown else []), ""]
+    files = sorted(path.name for path in (RECORDS / folder).iterdir())
+    links = [f"[{name}](../benchmarks/results/{folder}/{name})" for name in files]
+    return "\n".join([*lines, "Figures and pictures: " + ", ".join(links) + ".", ""])
+
+
+def made(metrics: dict[str, Any]) -> str:
+    """Date, machine and seeds."""
+    p = metrics.get("provenance", metrics)
+    p = p if "date" in p else next(iter(p.values()))  # measured case by case
+    seeds = p.get("seeds", [p["seed"]])
+    return f"{p['date']}, {p['machine']}, seed{'s' * (len(seeds) > 1)} {', '.join(map(str, seeds))}."
+
+
+def setups_table(metrics: dict[str, Any], shares: tuple[tuple[str, str], ...]) -> list[str]:
+    """A row a setup; shares are the keys of metrics and what stands above them."""
+    heads = ["setup", "PSNR [dB]", "aligned [dB]", "SSIM", "FLIP", "camera RMS / median [cm]", "time [s]"]
+    heads += [head for _, head in shares]
+    rows = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
+    for name, setup in metrics["setups"].items():
+        psnr = setup["psnr_db"]
+        rms, median = (100 * setup[f"camera_{what}_m"] for what in ("rms", "median"))
+        cells = [f"`{name}`", f"{psnr['mean']:.2f}" + (f" ± {psnr['std']:.2f}" if psnr["std"] else "")]
+        cells += [f"{setup['aligned_psnr_db']:.2f}", f"{setup['ssim']:.3f}", number(setup["flip"], ".3f")]
+        cells += [f"{rms:.1f} / {median:.1f}", f"{setup['train_seconds']:.0f}"]
+        cells += [percent(metrics[key].get(name)) for key, _ in shares]
+        rows.append("| " + " | ".join(cells) + " |")
+    return rows
+
+
+def table1(metrics: dict[str, Any]) -> list[str]:
+    return setups_table(metrics, (("gap_recovered", "of A−B"), ("gap_recovered_vs_alone", "of A−alone")))
+
+
+def table2(metrics: dict[str, Any]) -> list[str]:
+    rows = setups_table(metrics, (("gap_recovered", "of A−C"),))
+    told = [f"{pair}: {'holds' if holds else 'does not hold'}" for pair, holds in metrics["order"].items()]
+    rows += ["", "; ".join(told) + "."]
+    for seed, found in metrics["colmap"].items():
+        said = found["why_not"] or f"{found['placed']} of {found['of']} photographs placed"
+        rows.append(f"COLMAP, seed {seed}: {said}, {found['seconds']:.0f} s.")
+    for name, reasons in metrics["failed"].items():
+        rows += [f"`{name}`, seed {seed}: failed, {reason}." for seed, reason in reasons.items()]
+    return rows
+
+
+def number(value: float | None, form: str) -> str:
+    return "not available" if value is None else format(value, form)
+
+
+def percent(share: float | None) -> str:
+    return "–" if share is None else f"{100 * share:.0f} %"
+
+
+_QUICK = """A look: 100 pixels, one seed, 20 s of learning a setup on one thread (`OMP_NUM_THREADS=1`) of a
+machine that did other work as well, so fewer steps than two free cores would make."""
+LEARNING = {
+    "table1_loop": Learning("Wireless poses: the whole pipeline", table1, _QUICK),
+    "table1_paper": Learning("Wireless poses: the paper's noise", table1, _QUICK),
+    "table1_real_radio": Learning("Wireless poses: bearings of recorded links", table1, _QUICK),
+    "table2": Learning("The hardware experiment, simulated: lego, both robots drift", table2, _QUICK),
+    "table2_second": Learning("The hardware experiment, simulated: lego, one drifts", table2, _QUICK),
+    "table2_fox": Learning("The hardware experiment, simulated: fox, both robots drift", table2, _QUICK),
+}
+"""Records whose tables are shown; of the others there is a link."""
+
+
+if __name__ == "__main__":
+    main()
