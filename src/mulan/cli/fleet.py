@@ -9,7 +9,8 @@ from mulan.cli.progress import console
 from mulan.errors import InputError
 
 PARTS = {
-    "base": "Receive from robots, write the mission bag, acknowledge.",
+    "base": "Receive from robots, write the mission bag, acknowledge; with --run localize and learn.",
+    "learn": "Localize and learn from the bag a base station is writing.",
     "robot": "Send what one robot of a bag recorded, in real time or faster.",
     "keys": "Make the certificates by which base station and robots know each other.",
     "soak": "Loss, jitter and kills on loopback; says what was lost.",
