@@ -14,7 +14,7 @@ from mulan.wireless.types import Bearing
 class RememberedBearings:
     """Stands for :func:`bearing_of_aperture` where the same recording is read again with more at its end.
 
-    An aperture is known again by its packets and its path, so one whose late packets or poses have come since
+    An aperture is known again by its packets' times and its path, so one whose late packets or poses have come since
     is looked at anew. With ``KeepProfile.ONE`` a profile is kept only while no sharper bearing is known.
 
     Attributes:
@@ -58,6 +58,7 @@ class RememberedBearings:
 
 def _fingerprint(aperture: Aperture) -> bytes:
     digest = hashlib.sha256(f"{aperture.observer} {aperture.peer}".encode())
-    for part in (aperture.time_s, aperture.position_odom_m, aperture.channel):
+    # a channel is computed from all packets together, so its last bits change as a recording grows
+    for part in (aperture.time_s, aperture.peer_time_s, np.round(aperture.position_odom_m, 9)):
         digest.update(np.ascontiguousarray(part).tobytes())
     return digest.digest()
