@@ -14,8 +14,9 @@ from mulan.wireless.types import Bearing
 class RememberedBearings:
     """Stands for :func:`bearing_of_aperture` where the same recording is read again with more at its end.
 
-    An aperture is known again by its packets' times and its path, so one whose late packets or poses have come since
-    is looked at anew. With ``KeepProfile.ONE`` a profile is kept only while no sharper bearing is known.
+    An aperture is known again by its packets' times and its path, so one whose late packets or poses have
+    come since is looked at anew. With ``KeepProfile.ONE`` a profile is kept only while no sharper bearing is
+    known.
 
     Attributes:
         estimated: How many apertures were looked at.
