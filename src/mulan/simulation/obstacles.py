@@ -1,6 +1,7 @@
 """What a robot would run into: the surfaces of the rendered world itself, by casting rays."""
 
 from itertools import pairwise
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 _DIRECTIONS = 64  # 0.09 m apart at a distance of 0.2 m
 _SPACING_M = 0.06  # between the points of a way that are tried
+_RAY: Any = mi.Ray3f  # its types are those of the vectorised variants
 _GOLDEN_RAD = np.pi * (3 - np.sqrt(5.0))
 
 
@@ -51,4 +53,4 @@ class Obstacles:
 
     def _is_hit(self, origin: list[float], direction: list[float], reach: float) -> bool:
         # a ray that starts on the very surface must still meet it
-        return bool(self.scene.ray_test(mi.Ray3f(origin, direction, reach, 0.0, [])))
+        return bool(self.scene.ray_test(_RAY(origin, direction, reach, 0.0, [])))

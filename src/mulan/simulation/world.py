@@ -14,7 +14,6 @@ from mulan.simulation.scene_tabletop import TOP_HEIGHT_M, tabletop
 from mulan.simulation.scene_yard import yard
 from mulan.simulation.world_kind import WorldKind
 
-
 ROOM_COURSE = RingCourse(radius_m=(1.6, 2.4), height_m=(0.5, 1.5), target_height_m=0.5)
 _COURSES: dict[WorldKind, Course] = {
     WorldKind.TABLETOP: RingCourse((1.0, 1.5), (1.0, 1.6), TOP_HEIGHT_M + 0.1),
