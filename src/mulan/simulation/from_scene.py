@@ -157,7 +157,7 @@ def robot_cameras(config: SceneMissionConfig, index: int) -> Float[NDArray, "n 4
     outward, upward = (0.5 + 0.5 * np.sin(waves)).T
     course = config.course
     along = course.share(index, config.robots, s)
-    return course.cameras(along, outward, upward, [0.2, 0.2, 0.12] * np.sin(sway))
+    return course.cameras(along, outward, upward, np.array([0.2, 0.2, 0.12]) * np.sin(sway))
 
 
 def held_out_cameras(config: SceneMissionConfig) -> Float[NDArray, "n 4 4"]:
