@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
+from tyro.conf import EnumChoicesFromValues
 
 from mulan.cli.progress import console, progress_bar
 from mulan.errors import InputError
@@ -15,18 +16,21 @@ from mulan.mission.types import Mission
 from mulan.simulation.from_images import ImageMissionConfig, simulate_from_images
 from mulan.simulation.recording import SensorConfig
 from mulan.simulation.timeline import TourConfig
+from mulan.simulation.world_kind import WorldKind
 
 
 @dataclass(frozen=True)
 class Options:
-    """Make a mission bag: from posed photographs (--images) or, without them, from a rendered room."""
+    """Make a mission bag: from posed photographs (--images) or, without them, from a rendered world."""
 
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """The bag to write, ending in .mcap."""
     images: Path | None = None
     """Posed images to share, a folder or transforms.json (Blender, nerfstudio, instant-ngp)."""
-    scene_file: Path | None = None
-    """Mitsuba XML scene to photograph instead of the built-in room."""
+    world: EnumChoicesFromValues[WorldKind] = WorldKind.ROOM
+    """Without --images: which built-in world to photograph."""
+    scene_file: Annotated[Path | None, tyro.conf.arg(aliases=["--scene"])] = None
+    """Mitsuba XML scene (z up, metres, its subject at the origin) instead of a built-in world."""
     robots: int = 2
     """Number of robots."""
     seed: int = 0
@@ -78,12 +82,13 @@ def simulate(options: Options) -> Mission:
         width=options.width,
         height=options.height,
         samples_per_pixel=options.samples_per_pixel,
+        world=options.world,
         scene_file=options.scene_file,
         seed=options.seed,
         tour=options.tour,
         sensors=options.sensors,
     )
-    with progress_bar("Photographing the room") as progress:
+    with progress_bar("Photographing") as progress:
         return simulate_from_scene(scene_config, progress)
 
 
