@@ -1,5 +1,6 @@
 """The mission in a bag that is still being written, as far as it has come."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -83,12 +84,12 @@ class GrowingBag:
             return None
         logs = [_until_odometry(log, margin_s) for log in mission_of(bag, names).robots]
         logs = [log for log in logs if len(log.odometry.time_s) > 1 and log.photos]
-        present = {log.name for log in logs}
         anchor = next(iter(self._ordered()), None)
         # without the anchor there is no world yet
         if not logs or (anchor is not None and logs[0].name != anchor):
             return None
-        return Mission(tuple(_among(log, present) for log in logs))
+        by_name = {log.name: log for log in logs}
+        return Mission(tuple(_among(log, by_name) for log in logs))
 
     def _ordered(self) -> list[str]:
         return [name for message in self._found.get(messages.ROBOTS, [])[:1] for name in message.data.split()]
@@ -157,10 +158,13 @@ def _until_odometry(log: RobotLog, margin_s: float) -> RobotLog:
     return replace(log, photos=photos, csi=csi, ranges=ranges)
 
 
-def _among(log: RobotLog, present: set[str]) -> RobotLog:
-    """A log without what it heard of robots that are not there."""
-    return replace(
-        log,
-        csi={peer: track for peer, track in log.csi.items() if peer in present},
-        ranges={peer: track for peer, track in log.ranges.items() if peer in present},
-    )
+def _among(log: RobotLog, present: Mapping[str, RobotLog]) -> RobotLog:
+    """A log without what it heard of robots that are not there, or of packets none of which was answered."""
+    answered = {
+        peer: track
+        for peer, track in log.csi.items()
+        if len(track.time_s) and peer in present and log.name in present[peer].csi
+        if len(present[peer].csi[log.name].time_s)
+    }
+    ranges = {peer: track for peer, track in log.ranges.items() if peer in present and len(track.time_s)}
+    return replace(log, csi=answered, ranges=ranges)
