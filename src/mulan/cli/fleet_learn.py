@@ -86,7 +86,6 @@ def _work_beside(bag: Path, out: Path, config: LearnConfig) -> None:
     asked = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: asked.set())
     parent = multiprocessing.parent_process()
-    os.nice(5)  # messages first
     try:
         learn(bag, out, config, lambda: asked.is_set() or (parent is not None and not parent.is_alive()))
     except InputError as error:

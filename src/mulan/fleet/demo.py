@@ -56,7 +56,9 @@ class DemoConfig:
     """Light paths a pixel."""
     held_out: int = 12
     """Test views."""
-    speed: float = 3.0
+    packets_per_second: float = 100.0
+    """WiFi packet pairs a second and pair of robots."""
+    speed: float = 1.0
     """Mission time a second, where the world is computed as fast."""
     round_s: float = 5.0
     """Seconds of learning between two looks at the bag."""
@@ -151,7 +153,8 @@ class FleetDemo:
         assert T_world_truth is not None  # simulated robots send their true poses
         offline = RunFolder(config.out / "offline")
         files = extract_photos(mission, offline)
-        localization = localize(mission, LocalizationConfig(), BearingConfig())
+        bearings = BearingConfig(azimuth_count=180, elevation_count=91)  # as the learner has them
+        localization = localize(mission, LocalizationConfig(), bearings)
         localization.require_any_placed()
         write_localization(localization, mission, offline)
         images = localized_images(mission, localization, files, T_world_truth)
@@ -222,6 +225,8 @@ class FleetDemo:
         arguments += ["--learn.train.seed", str(config.seed), "--learn.round-s", str(config.round_s)]
         # the world's own test views are better ones
         arguments += ["--learn.hold-out-every", "0"]
+        # half the grid: peaks are refined from it, and a small machine has more to do
+        arguments += ["--learn.bearings.azimuth-count", "180", "--learn.bearings.elevation-count", "91"]
         arguments += ["--learn.goals" if config.goals else "--learn.no-goals", *config.learner]
         return Member("base", [*arguments, "--ingest.robots", *names], config.out, "Listening")
 
@@ -235,6 +240,7 @@ class FleetDemo:
             ("samples-per-pixel", config.samples_per_pixel),
             ("held-out", config.held_out),
             ("seed", config.seed),
+            ("sensors.radio.packets-per-second", config.packets_per_second),
         ):
             arguments += [f"--scene.{option}", str(value)]
         return Member("world", arguments, config.out, "There is a world", writes_figures=False)

@@ -58,7 +58,7 @@ class LearnConfig:
     """At the end the learning rate falls over this share of the time learnt until then."""
     goals: bool = True
     """Choose where robots should look next."""
-    seen_views: int = 24
+    seen_views: int = 12
     """So many photographs, spread evenly over all, stand for what was seen when goals are chosen."""
     train: tyro.conf.AvoidSubcommands[TrainConfig] = field(default_factory=TrainConfig)
     """Training; its time budget is not used."""
@@ -67,7 +67,7 @@ class LearnConfig:
     bearings: BearingConfig = field(default_factory=BearingConfig)
     """Radio bearings."""
     plan: TeamPlanConfig = field(
-        default_factory=lambda: TeamPlanConfig(free_space=FreeSpaceConfig(places=8), refinements=0)
+        default_factory=lambda: TeamPlanConfig(free_space=FreeSpaceConfig(places=4), refinements=0)
     )
     """Candidate views; the field itself tells what is free and seen."""
 
@@ -118,7 +118,7 @@ class Learner:
         heard_s = time.monotonic()
         while not stop():
             finished, began_s = self._bag.finished, time.monotonic()
-            news = self.look(0.0 if finished else self._config.margin_s)
+            news = self.look(0.0 if finished else self._config.margin_s, last=finished)
             if finished:
                 self._settle(stop)
                 return not stop()
@@ -129,17 +129,26 @@ class Learner:
             looking_s = time.monotonic() - began_s
             self.training.learn(max(self._config.round_s, looking_s), stop)
             self.training.save()
+            planning_s = time.monotonic()
             if news and not stop():
                 self._plan()
+                self._say(
+                    f"{self.training.progress.seconds:.0f} s learnt; looking took {looking_s:.1f} s,"
+                    f" planning {time.monotonic() - planning_s:.1f} s"
+                )
         return False
 
-    def look(self, margin_s: float) -> bool:
+    def look(self, margin_s: float, last: bool = False) -> bool:
         """Read what is new and localize with it; whether there was anything.
+
+        Args:
+            margin_s: What is newer than a robot's newest odometry less this is left for later.
+            last: Whether nothing will come after this; then the picture of it is drawn too.
 
         Raises:
             InputError: The disk is full, or the bag is none a base station writes.
         """
-        if not self._bag.read() and margin_s > 0:
+        if not self._bag.read() and not last:
             return False
         try:
             mission = self._bag.mission(margin_s)
@@ -150,7 +159,7 @@ class Learner:
             return True
         if mission is None or localization is None:
             return True
-        self._take(mission, localization)
+        self._take(mission, localization, last)
         return True
 
     def _localize(self, mission: Mission) -> Localization:
@@ -160,9 +169,9 @@ class Learner:
         ranges = thin_ranges(mission.robots, config.graph.ranging)
         return localize_from_measurements(mission.robots, bearings, ranges, config.graph)
 
-    def _take(self, mission: Mission, localization: Localization) -> None:
+    def _take(self, mission: Mission, localization: Localization, last: bool) -> None:
         """Show the training what was localized."""
-        write_localization(localization, mission, self.run)
+        write_localization(localization, mission, self.run, picture=last)
         files = _photograph_files(mission, self.run)
         images = localized_images(mission, localization, files, None, self._config.hold_out_every)
         self.rounds += 1
