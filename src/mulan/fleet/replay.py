@@ -136,7 +136,7 @@ class Replay:
         for bag in self._bags(stop):
             with Reader(bag) as reader:
                 self.total += sum(c.msgcount for c in reader.connections if self._suffix(c.topic))
-                for recorded in self._recorded(reader):
+                for recorded in self._recorded(reader, bag):
                     self.done += 1
                     again = self.done <= resume_at
                     if not again:
@@ -188,7 +188,7 @@ class Replay:
         known = topic.startswith(prefix) and suffix in WIRE_TOPICS
         return suffix if known and suffix != MOUNTS.suffix else None
 
-    def _recorded(self, reader: Reader) -> Iterator[_Recorded]:
+    def _recorded(self, reader: Reader, bag: Path) -> Iterator[_Recorded]:
         """This robot's messages in the order they were logged, its mounts taken out of the common topic."""
         store = messages.typestore()
         wanted = [c for c in reader.connections if self._suffix(c.topic)]
@@ -198,7 +198,7 @@ class Replay:
             entry = WIRE_TOPICS[suffix]
             if connection.msgtype != entry.topic.msgtype:
                 problem = f"has type {connection.msgtype} instead of {entry.topic.msgtype}"
-                raise InputError(reader.path, f"topic {connection.topic}", problem, "record that type")
+                raise InputError(bag, f"topic {connection.topic}", problem, "record that type")
             message: Any = store.deserialize_cdr(data, connection.msgtype)
             payload = bytes(data)
             if suffix == MOUNTS.suffix:
