@@ -87,6 +87,9 @@ def test_a_grown_bag_gives_the_poses_of_the_finished_one_and_a_run_to_look_at(
     assert metrics["steps"] > learner.training.progress.steps
     assert run.plan.exists()
     assert "field" in write_report(run).read_text()
+    settled = Learner(path, run, CONFIG)
+    assert settled.follow()
+    assert settled.training.progress.steps == metrics["steps"], "a finished run is left as it is"
     assert any("photographs of alpha, beta" in text for text in said)
 
 

@@ -20,10 +20,10 @@ from mulan.localization.run_files import write_localization
 from mulan.localization.types import Localization
 from mulan.mission.nerfstudio import write_transforms
 from mulan.mission.posed_images import PosedImage, PosedImageSet
-from mulan.mission.run_folder import RunFolder, write_atomically, write_json
+from mulan.mission.run_folder import RunFolder, read_json, write_atomically, write_json
 from mulan.mission.types import Mission, RobotLog
 from mulan.planning.free_space import FreeSpaceConfig
-from mulan.planning.knowledge import Knowledge
+from mulan.planning.knowledge import Knowledge, LookConfig
 from mulan.planning.plan import ViewPlan
 from mulan.planning.run_files import last_views, looked_at_m, plan_as_json, write_plan
 from mulan.planning.team_plan import TeamPlanConfig, plan_team
@@ -66,6 +66,8 @@ class LearnConfig:
     """Factor graph."""
     bearings: BearingConfig = field(default_factory=BearingConfig)
     """Radio bearings."""
+    looks: LookConfig = field(default_factory=lambda: LookConfig(columns=12, chosen_columns=24))
+    """Rays of a look at a view, when goals are chosen."""
     plan: TeamPlanConfig = field(
         default_factory=lambda: TeamPlanConfig(free_space=FreeSpaceConfig(places=4), refinements=0)
     )
@@ -120,7 +122,8 @@ class Learner:
             finished, began_s = self._bag.finished, time.monotonic()
             news = self.look(0.0 if finished else self._config.margin_s, last=finished)
             if finished:
-                self._settle(stop)
+                if not self._settled():
+                    self._settle(stop)
                 return not stop()
             heard_s = time.monotonic() if news else heard_s
             if self._images is None or time.monotonic() - heard_s > self._config.idle_s:
@@ -202,7 +205,7 @@ class Learner:
             for image in _by_time(images)[::-1][::every]
             if image.pose_covariance is not None
         ]
-        knowledge = Knowledge([engine], self.training.description.space, seen)
+        knowledge = Knowledge([engine], self.training.description.space, seen, self._config.looks)
         plan = plan_team(knowledge, engine, last_views(images), looked_at_m(images), self._config.plan)
         write_json(self.run.plan, plan_as_json(plan))
         goals = _goals(plan)
@@ -211,6 +214,12 @@ class Learner:
         }
         self._write_state(self._robots)
         return plan
+
+    def _settled(self) -> bool:
+        """Whether an earlier process came to the end of this very bag."""
+        if not (self.run.metrics.exists() and self.run.field.exists()):
+            return False
+        return read_json(self.run.metrics, "mulan fleet learn").get("messages") == self._bag.received
 
     def _settle(self, stop: Callable[[], bool]) -> None:
         """Nothing more will come: let the rate fall, and judge the field."""
@@ -231,6 +240,7 @@ class Learner:
             "steps": progress.steps,
             "samples_per_s": progress.samples / max(progress.seconds, 1e-9),
             "rounds": self.rounds,
+            "messages": self._bag.received,
             "begun_anew": self.training.begun_anew,
         }
         metrics |= evaluate_held_out(
