@@ -16,6 +16,7 @@ from mulan.cli import (
     evaluate_engine,
     evaluate_localization,
     evaluate_table1,
+    evaluate_table3,
     evaluate_uwb,
     evaluate_view_selection,
 )
@@ -43,6 +44,7 @@ EXPERIMENTS = {
     "engine": "Quality against training time, throughput and memory, beside torch and the peers.",
     "localization": "Poses and covariances against the Cramér–Rao bound, real recordings, online.",
     "table1": "The paper's first table: two robots, noisy poses, its setups beside ours.",
+    "table3": "The paper's active views: two robots in a room choose moves, every rule from one start.",
     "two-robot": "True poses, wireless poses, wireless poses with weights, on one mission.",
     "uwb": "Likelihood and coverage of calibrated UWB ranges on held-out recordings.",
     "view-selection": "Rules for choosing views on a set of photographs, from the same first views.",
@@ -56,6 +58,7 @@ _OF_THEIR_OWN = {
     "engine": evaluate_engine.main,
     "localization": evaluate_localization.main,
     "table1": evaluate_table1.main,
+    "table3": evaluate_table3.main,
     "uwb": evaluate_uwb.main,
     "view-selection": evaluate_view_selection.main,
 }

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import tyro
 from tyro.conf import EnumChoicesFromValues
 
+from mulan.cli import simulate_active
 from mulan.cli.progress import console, progress_bar
 from mulan.errors import InputError
 from mulan.mission.bag_writer import write_mission
@@ -31,6 +32,9 @@ class Options:
     """Without --images: which built-in world to photograph."""
     scene_file: Annotated[Path | None, tyro.conf.arg(aliases=["--scene"])] = None
     """Mitsuba XML scene (z up, metres, its subject at the origin) instead of a built-in world."""
+    active: bool = False
+    """The robots choose their own views in a closed loop, and a whole run comes out; it has
+    options of its own, see 'mulan simulate --active --help'."""
     robots: int = 2
     """Number of robots."""
     seed: int = 0
@@ -104,6 +108,8 @@ def describe(mission: Mission) -> str:
 
 def main(arguments: Sequence[str]) -> int:
     """Simulate and write the bag."""
+    if "--active" in arguments:
+        return simulate_active.main([word for word in arguments if word != "--active"])
     options = tyro.cli(Options, args=arguments, prog="mulan simulate")
     mission = simulate(options)
     write_mission(mission, options.out)

@@ -17,6 +17,7 @@ from mulan.radiance.config import FieldConfig
 from mulan.radiance.engine import RadianceEngine
 from mulan.radiance.space import SceneSpace
 from mulan.reconstruction.captured_image import CapturedImage, load_captured
+from mulan.reconstruction.field_choice import choose_march
 from mulan.reconstruction.learn_in_memory import learn_in_memory
 from mulan.reconstruction.scene_space import choose_space
 from mulan.reconstruction.train_config import TrainConfig
@@ -24,6 +25,10 @@ from mulan.reconstruction.weights import UncertaintyWeights
 
 SMALL_FIELD = FieldConfig(log2_table_size=14, finest_resolution=64, harmonics_degree=1)
 """Sizes of a field that is learnt in a second to plan with."""
+_TEAM_FIELD = FieldConfig(levels=5, log2_table_size=14, finest_resolution=64, harmonics_degree=1)
+_FEW_STEPS = 64  # along a ray; finer ones see the same cells, and learn no better in so short a time
+TEAM_LOOKS = LookConfig(columns=16, chosen_columns=32, certainty_columns=6)
+"""Rays enough to tell candidates apart: two robots' 160 are judged in two seconds on one core."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +37,7 @@ class EnsembleConfig:
 
     members: int = 3
     """Fields; below 2 only directions and visibility plan, by the run's own field."""
-    steps: int = 300
+    steps: int = 150
     """Optimiser steps of each."""
     batch_samples: int = 4096
     """Field evaluations a step."""
@@ -48,7 +53,7 @@ class TeamRunConfig:
     """Candidates, and what a team weighs."""
     ensemble: EnsembleConfig = field(default_factory=EnsembleConfig)
     """What is asked for what is not known."""
-    looks: LookConfig = field(default_factory=LookConfig)
+    looks: LookConfig = TEAM_LOOKS
     """Rays of a look."""
 
 
@@ -117,7 +122,15 @@ def plan_team_images(
     fields = learnt_ensemble(photographs, space, ensemble) or ([engine] if engine is not None else [])
     if not fields:
         raise ValueError("planning needs a trained field or an ensemble of at least two")
-    chosen = [
+    knowledge = Knowledge(fields, space, chosen_views(images), looks)
+    obstacles = engine or fields[0]
+    plan = plan_team(knowledge, obstacles, robots, looked_at_m(images), team, budget_m, progress)
+    return plan, knowledge
+
+
+def chosen_views(images: PosedImageSet) -> list[View]:
+    """Where the training photographs were taken; a pose without covariance counts as exact."""
+    return [
         View(
             image.camera,
             image.T_world_camera,
@@ -125,10 +138,6 @@ def plan_team_images(
         )
         for image in images.train
     ]
-    knowledge = Knowledge(fields, space, chosen, looks)
-    obstacles = engine or fields[0]
-    plan = plan_team(knowledge, obstacles, robots, looked_at_m(images), team, budget_m, progress)
-    return plan, knowledge
 
 
 def learnt_ensemble(
@@ -137,12 +146,14 @@ def learnt_ensemble(
     """Small fields of the photographs, each from its own start; none below two members."""
     if config.members < 2:
         return []
+    march = choose_march(config.image_size, space.unbounded)
     training = TrainConfig(
         image_size=config.image_size,
         steps=config.steps,
         batch_samples=config.batch_samples,
         device=Device.CPU,
-        field=SMALL_FIELD,
+        field=_TEAM_FIELD,
+        march=replace(march, steps=_FEW_STEPS, occupancy_resolution=32),
     )
     return [
         learn_in_memory(photographs, UncertaintyWeights(), space, replace(training, seed=member))

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float
@@ -26,6 +27,9 @@ def look_at(eye_m: Float[NDArray, "n 3"], target_m: Float[NDArray, "n 3"]) -> Fl
 
 class Course(ABC):
     """A band of space, one end to the other, that is free of obstacles and worth photographing from."""
+
+    has_centre: ClassVar[bool]
+    """Whether there is a point all its cameras look at."""
 
     @abstractmethod
     def cameras(
@@ -59,6 +63,7 @@ class RingCourse(Course):
         target_height_m: Height that cameras look at.
     """
 
+    has_centre: ClassVar[bool] = True
     radius_m: tuple[float, float]
     height_m: tuple[float, float]
     target_height_m: float
@@ -94,6 +99,7 @@ class WayCourse(Course):
         target_height_m: Its height.
     """
 
+    has_centre: ClassVar[bool] = False
     corners_m: tuple[tuple[float, float], ...]
     half_width_m: float
     height_m: tuple[float, float]

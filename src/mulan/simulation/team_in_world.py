@@ -1,6 +1,7 @@
 """Robots in a rendered world that go where they are told, photograph and measure; the mission grows."""
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -82,6 +83,12 @@ class TeamInWorld:
         self._logs = {name: _empty_log(name, camera) for name in starts}
         self._legs, self._photographs, self._now_s = 0, 0, 0.0
         self._held_out: HeldOutViews | None = None
+
+    def branch(self) -> "TeamInWorld":
+        """A copy that goes its own way from here; both draw the same randomness for the same leg."""
+        other = copy(self)
+        other.T_world_body, other._logs = dict(self.T_world_body), dict(self._logs)
+        return other
 
     @property
     def mission(self) -> Mission:

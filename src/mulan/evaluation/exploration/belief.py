@@ -27,6 +27,12 @@ class TeamBelief:
         self.bearings: list[Bearing] = []
         self.ranges: list[Range] = []
 
+    def branch(self) -> "TeamBelief":
+        """A copy that hears its own legs from here."""
+        other = TeamBelief(self._graph, self._radio)
+        other.bearings, other.ranges = list(self.bearings), list(self.ranges)
+        return other
+
     def hear(self, leg: Sequence[RobotLog]) -> None:
         """Add what the radios of a leg say."""
         self.bearings += estimate_bearings(leg, self._radio)

@@ -18,11 +18,13 @@ from mulan.mission.run_folder import RunFolder, write_json
 from mulan.planning.knowledge import LookConfig
 from mulan.planning.plan import RobotPlan, ViewPlan
 from mulan.planning.team_plan import TeamPlanConfig
-from mulan.planning.team_run import EnsembleConfig, plan_team_images
+from mulan.planning.team_run import TEAM_LOOKS, EnsembleConfig, plan_team_images
 from mulan.simulation.from_scene import SceneMissionConfig, held_out_cameras, robot_cameras
 from mulan.simulation.recording import T_BODY_CAMERA, robot_names
 from mulan.simulation.team_in_world import TeamInWorld, TeamInWorldConfig
 from mulan.wireless.bearing import BearingConfig
+
+_HEADINGS = 8  # tried at each place where a world has no centre to look at
 
 Progress = Callable[[float, float, str], None]
 """Done, total, a few words."""
@@ -63,7 +65,7 @@ class ExplorationConfig:
     """How the next views are chosen."""
     ensemble: EnsembleConfig = field(default_factory=EnsembleConfig)
     """The small fields that plan."""
-    looks: LookConfig = field(default_factory=LookConfig)
+    looks: LookConfig = TEAM_LOOKS
     """Rays of a look."""
     graph: LocalizationConfig = field(default_factory=LocalizationConfig)
     """Factor graph."""
@@ -77,6 +79,7 @@ class Exploration:
     Attributes:
         config: Options.
         team: The robots in their world.
+        left_m: How far each may still travel.
         history: What each step did, as steps.json has it.
     """
 
@@ -102,8 +105,12 @@ class Exploration:
         self.team = TeamInWorld(
             config.scene.build(), config.scene.camera, starts, config.team, config.scene.seed
         )
+        self._plan = config.plan
+        if not scene.course.has_centre and not self._plan.headings:
+            ring = replace(self._plan.candidates, look_at_centre=False)
+            self._plan = replace(self._plan, candidates=ring, headings=_HEADINGS)
         self._belief = TeamBelief(config.graph, config.bearings)
-        self._left_m = dict.fromkeys(names, config.budget_m)
+        self.left_m = dict.fromkeys(names, config.budget_m)
         self.history: list[dict[str, Any]] = []
 
     def run(self, progress: Progress) -> tuple[Localization, PosedImageSet]:
@@ -132,27 +139,27 @@ class Exploration:
         lost = self._lost(step)
         localization, images = self._look_back()
         photographed = {image.robot_id for image in images.train}
-        active = [name for name in self._left_m if name in photographed and name != lost]
+        active = [name for name in self.left_m if name in photographed and name != lost]
         plan, _ = plan_team_images(
             images,
             active,
-            [self._left_m[name] for name in active],
-            self.config.plan,
+            [self.left_m[name] for name in active],
+            self._plan,
             self.config.ensemble,
             self.config.looks,
         )
         goals = self._agreed(plan)
         moved = {name: goal for name, goal in goals.items() if goal is not None}
         # a robot without goal, or that could not be placed yet, stays and measures
-        others = [name for name in self._left_m if name not in goals and name != lost]
-        before = {name: self.team.T_world_body[name][:3, 3] for name in self._left_m}
+        others = [name for name in self.left_m if name not in goals and name != lost]
+        before = {name: self.team.T_world_body[name][:3, 3] for name in self.left_m}
         if moved:
             self._belief.hear(self.team.go(goals | dict.fromkeys(others)))
         travelled_m = {
             name: float(np.linalg.norm(self.team.T_world_body[name][:3, 3] - before[name])) for name in before
         }
         for name, length_m in travelled_m.items():
-            self._left_m[name] -= length_m
+            self.left_m[name] -= length_m
         self.history.append(
             {
                 "step": step,
@@ -164,7 +171,7 @@ class Exploration:
                         "candidates": len(robot.score),
                         "position_sigma_m": float(np.sqrt(np.trace(robot.robot.covariance[3:, 3:]) / 3)),
                         "moved_m": travelled_m[robot.robot.robot],
-                        "left_m": self._left_m[robot.robot.robot],
+                        "left_m": self.left_m[robot.robot.robot],
                     }
                     for robot in plan.robots
                 },
@@ -202,7 +209,7 @@ class Exploration:
         order = [plan.best, *(int(k) for k in np.argsort(-plan.score) if k != plan.best)]
         for k in order:
             candidate = plan.T_world_candidate[k]
-            if np.linalg.norm(candidate[:3, 3] - plan.robot.T_world_camera[:3, 3]) > self._left_m[name]:
+            if np.linalg.norm(candidate[:3, 3] - plan.robot.T_world_camera[:3, 3]) > self.left_m[name]:
                 continue
             goal = T_true_believed @ candidate
             if self.team.can_go(name, goal, others):
