@@ -71,7 +71,14 @@ def main(arguments: Sequence[str]) -> int:
         learner = start(options.base.out, options.run)
         orders = Orders(base, RunFolder(options.run), lambda text: console.print(escape(text)))
         console.print(f"Learning in [bold]{options.run}[/]; to see it: [cyan]mulan view {options.run}[/]")
+    missed = False
     while not stop.wait(1.0):
+        if learner is not None and not learner.is_alive() and not missed:
+            missed = True
+            console.print(
+                f"[yellow]The learner has ended;[/] receiving goes on. To learn again:"
+                f" [cyan]mulan fleet learn {options.base.out} --out {options.run}[/]"
+            )
         if options.status is not None:
             write_json(options.status, base_status(base))
     if orders is not None:
