@@ -10,10 +10,9 @@ from mulan.evaluation.table3.trial import TrialConfig, first_cameras
 from mulan.mission.run_folder import RunFolder, read_json
 from mulan.planning.team_run import EnsembleConfig
 from mulan.simulation.from_scene import SceneMissionConfig
-from mulan.simulation.team_in_world import TeamInWorldConfig
 from mulan.simulation.world import ROOM_COURSE
 
-from ..exploration.test_explore import XML
+from ..exploration.test_explore import TEAM, XML
 
 
 @pytest.fixture
@@ -22,7 +21,7 @@ def config(tmp_path: Path) -> Table3Config:
     scene.write_text(XML)
     trial = TrialConfig(
         scene=SceneMissionConfig(robots=2, width=24, height=18, held_out=2, scene_file=scene),
-        team=TeamInWorldConfig(samples_per_pixel=1),
+        team=TEAM,
         ensemble=EnsembleConfig(members=2, steps=3, image_size=24),
         steps=3,
         batch_samples=512,

@@ -102,9 +102,8 @@ class Exploration:
         self.config, self._run = config, run
         self._first = first_cameras(config)
         starts = {name: T[0] for name, T in self._first.items()}
-        self.team = TeamInWorld(
-            config.scene.build(), config.scene.camera, starts, config.team, config.scene.seed
-        )
+        scene = config.scene
+        self.team = TeamInWorld(scene.build(), scene.camera, starts, config.team, scene.seed)
         self._plan = config.plan
         if not scene.course.has_centre and not self._plan.headings:
             ring = replace(self._plan.candidates, look_at_centre=False)
