@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -64,8 +64,9 @@ class DemoConfig:
     """Seconds of learning between two looks at the bag."""
     goals: bool = True
     """Robots go where the base station wants them; else each only drives its tour."""
-    offline: bool = True
-    """Afterwards learn from the finished bag as long again, for comparison."""
+    offline: Literal["seconds", "steps", "none"] = "seconds"
+    """Afterwards learn from the finished bag for as many seconds, or as many steps, and compare; seconds that
+    passed while other programs ran hold fewer steps."""
     learner: tuple[str, ...] = field(default_factory=tuple)
     """Further options of the base station's learner, such as --learn.train.batch-samples 4096."""
     port: int = 8080
@@ -172,10 +173,11 @@ class FleetDemo:
             "camera_rms_m": float(np.sqrt(np.mean([e.position_rms_m**2 for e in errors.values()]))),
             "live": {key: live[key] for key in ("psnr_db", "ssim", "train_seconds", "steps", "begun_anew")},
         }
-        if config.offline:
+        if config.offline != "none":
             training = TrainConfig(
                 image_size=max(config.width, config.height),
                 time_budget_s=live["train_seconds"],
+                steps=live["steps"] if config.offline == "steps" else None,
                 seed=config.seed,
             )
             again = reconstruct(images, UncertaintyWeights(), training, offline, progress)
