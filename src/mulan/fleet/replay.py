@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -47,6 +47,7 @@ class _Recorded:
     message: Any
 
 
+@runtime_checkable
 class RecordingClock(Protocol):
     """The time recorded messages are stamped with."""
 
