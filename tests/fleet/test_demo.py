@@ -25,7 +25,7 @@ def test_three_simulated_robots_are_reconstructed_while_they_drive(
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2] / "src"))
     config = DemoConfig(
         tmp_path,
-        minutes=0.3,
+        minutes=3.0,  # at most: it ends when a robot has gone on a goal
         width=24,
         height=18,
         samples_per_pixel=2,
@@ -42,7 +42,11 @@ def test_three_simulated_robots_are_reconstructed_while_they_drive(
         with urlopen(url, timeout=20) as answer:
             answers.append(answer.status)
 
-    demo.drive(page_is_open)
+    def a_robot_was_sent_somewhere() -> bool:
+        wishes = [read_json(path, "a robot") for path in (tmp_path / "world").glob("*/wish_*.json")]
+        return bool(answers) and any(wish["T_here_body"] is not None for wish in wishes)
+
+    demo.drive(page_is_open, a_robot_was_sent_somewhere)
     assert answers == [200]
     metrics = demo.judge()
     assert metrics["photographs"] >= 9
@@ -55,6 +59,7 @@ def test_three_simulated_robots_are_reconstructed_while_they_drive(
     for name in ("alpha", "beta", "gamma"):
         assert counts[messages.POSE.of(name)] > 0
     assert any(counts.get(messages.GOAL.of(name), 0) for name in ("alpha", "beta", "gamma"))
+    assert set(metrics["goals_gone_to"]) == {"alpha", "beta", "gamma"}
     assert "PSNR" in write_report(demo.run).read_text()
     with pytest.raises(InputError, match="holds an earlier demo"):
         FleetDemo(config)

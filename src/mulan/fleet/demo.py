@@ -105,11 +105,14 @@ class FleetDemo:
         page = [str(self.run.root), "--no-open-browser", "--viewer.port", str(config.port)]
         self._page = Member("page", page, config.out, "Page:", command="view", writes_figures=False)
 
-    def drive(self, page_is_open: Callable[[str], object]) -> None:
+    def drive(
+        self, page_is_open: Callable[[str], object], enough: Callable[[], bool] = lambda: False
+    ) -> None:
         """Run the fleet until the robots have driven and the learner has settled.
 
         Args:
             page_is_open: Called with the page's address when there is something to see.
+            enough: Asked again and again whether the robots may stop before their time.
 
         Raises:
             InputError: A process failed; the sentence says which and why.
@@ -120,12 +123,15 @@ class FleetDemo:
             self._tell("there is a world; the robots start")
             self._start(self._robots, lambda: all(robot.ready or self._over(robot) for robot in self._robots))
             until_s = time.monotonic() + 180 * self._config.minutes + 4 * _STARTING_S
-            told = False
+            told = over = False
             while any(robot.running for robot in self._robots) and time.monotonic() < until_s:
                 time.sleep(_POLL_S)
                 self._check()
                 if not self._page.processes and self.run.field.exists():
                     self._page.start()
+                if not over and enough():
+                    over = True
+                    self._simulator.ask_to_end()
                 if not told and (url := self._page_url()) is not None:
                     told = True
                     page_is_open(url)

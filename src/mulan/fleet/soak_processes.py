@@ -70,11 +70,16 @@ class Member:
         self.processes[-1].send_signal(signal.SIGKILL)
         self.processes[-1].wait()
 
+    def ask_to_end(self) -> None:
+        """Ask it to end in good order; do not wait for it."""
+        if self.running:
+            self.processes[-1].send_signal(signal.SIGTERM)
+
     def stop(self, timeout_s: float) -> None:
         """Ask it to end in good order; kill it when it does not."""
         if not self.running:
             return
-        self.processes[-1].send_signal(signal.SIGTERM)
+        self.ask_to_end()
         try:
             self.processes[-1].wait(timeout_s)
         except subprocess.TimeoutExpired:
