@@ -26,12 +26,12 @@ def test_the_mean_candidate_is_worth_one_and_worth_lies_where_it_is_seen():
     candidates = [view(a) for a in (20, 100, 180)]
     knowledge = knowing(view(0), fields=MEMBERS)
     judge = CellWorth((AngularNovelty(), Coverage()), knowledge)
-    worth = judge.of(candidates)
+    worth = judge.of(candidates).toarray()
     assert worth.sum(1).mean() == pytest.approx(1, rel=1e-5)
     assert (np.diff(worth.sum(1)) > 0).all()
     for candidate, of_cell in zip(candidates, worth, strict=True):
         assert set(np.flatnonzero(of_cell)) <= set(knowledge.look(candidate).cell.tolist())
-    np.testing.assert_allclose(judge.of(candidates[:1])[0], worth[0])  # the units stay
+    np.testing.assert_allclose(judge.of(candidates[:1]).toarray()[0], worth[0])  # the units stay
 
 
 def test_two_robots_side_by_side_go_apart():

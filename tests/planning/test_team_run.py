@@ -37,5 +37,7 @@ def test_planning_for_the_team_of_a_run_writes_plan_json_and_a_picture(members, 
     for one in plan.robots:
         assert len(written["robots"][one.robot.robot]["candidates"]) == len(one.score) > 2
         assert written["robots"][one.robot.robot]["best"] == one.best
+    goals = read_json(run.goals, "mulan plan")
+    assert set(goals) == {f"/{p.robot.robot}/goal_pose" for p in plan.robots if p.best is not None}
     assert run.plan.with_suffix(".png").stat().st_size > 10_000
     assert said[-1] == (2, 2, "done")

@@ -9,8 +9,8 @@ from mulan.errors import InputError
 from mulan.geometry import se3
 from mulan.geometry.camera import PinholeCamera
 from mulan.mission.posed_images import PosedImage, PosedImageSet
+from mulan.simulation.course import look_at
 from mulan.simulation.from_images import ImageMissionConfig, room_around, share_views, simulate_from_images
-from mulan.simulation.from_scene import look_at
 from mulan.simulation.recording import body_poses, plan_camera_tours
 from mulan.simulation.timeline import TourConfig
 

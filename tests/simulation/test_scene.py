@@ -11,10 +11,10 @@ from mulan.errors import InputError
 from mulan.geometry import se3, so3
 from mulan.geometry.camera import PinholeCamera
 from mulan.simulation import mitsuba_parts, scene_pictures, scene_textures
+from mulan.simulation.course import look_at
 from mulan.simulation.from_scene import (
     SceneMissionConfig,
     held_out_cameras,
-    look_at,
     robot_cameras,
     simulate_from_scene,
 )

@@ -101,3 +101,23 @@ def test_a_training_can_be_paused_from_the_page(run: RunFolder, open_in_chromium
 def test_a_run_without_a_field_is_told_what_to_do(run: RunFolder):
     with pytest.raises(InputError, match="mulan train"):
         run_command(["view", str(run.root), "--no-open-browser", "--seconds", "0"])
+
+
+def test_a_page_follows_a_mission_that_goes_on(run: RunFolder, tmp_path: Path):
+    page = ViewerPage(run, FinishedEngine(BallEngine()), GoalFile(run.root / "goals.json"), SMALL)
+    try:
+        before = len(page._photographs._frusta)
+        localization = json.loads(run.localization.read_text())
+        for robot in localization["robots"].values():
+            robot["time_s"] = [2 * time_s for time_s in robot["time_s"]]
+        run.localization.write_text(json.dumps(localization))
+        more = tmp_path / "more"
+        more.mkdir()
+        write_transforms(cube_images(more, train=before + 5), run.transforms)
+        page.show_mission()
+        assert len(page._photographs._frusta) == before + 5
+        assert page._layer_controls._slider is not None
+        assert page._layer_controls._slider.value == page._layer_controls._slider.max == 120.0
+        assert np.isinf(page._layer_controls.choice().until_s), "who looked at the end still does"
+    finally:
+        page.stop()

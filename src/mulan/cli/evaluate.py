@@ -17,6 +17,7 @@ from mulan.cli import (
     evaluate_localization,
     evaluate_table1,
     evaluate_table2,
+    evaluate_table3,
     evaluate_uwb,
     evaluate_view_selection,
 )
@@ -45,6 +46,7 @@ EXPERIMENTS = {
     "localization": "Poses and covariances against the Cramér–Rao bound, real recordings, online.",
     "table1": "The paper's first table: two robots, noisy poses, its setups beside ours.",
     "table2": "The paper's second table: motion capture, drifting odometry, weights, ours, COLMAP.",
+    "table3": "The paper's active views: two robots in a room choose moves, every rule from one start.",
     "two-robot": "True poses, wireless poses, wireless poses with weights, on one mission.",
     "uwb": "Likelihood and coverage of calibrated UWB ranges on held-out recordings.",
     "view-selection": "Rules for choosing views on a set of photographs, from the same first views.",
@@ -59,6 +61,7 @@ _OF_THEIR_OWN = {
     "localization": evaluate_localization.main,
     "table1": evaluate_table1.main,
     "table2": evaluate_table2.main,
+    "table3": evaluate_table3.main,
     "uwb": evaluate_uwb.main,
     "view-selection": evaluate_view_selection.main,
 }

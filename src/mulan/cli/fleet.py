@@ -9,8 +9,11 @@ from mulan.cli.progress import console
 from mulan.errors import InputError
 
 PARTS = {
-    "base": "Receive from robots, write the mission bag, acknowledge.",
-    "robot": "Send what one robot of a bag recorded, in real time or faster.",
+    "base": "Receive from robots, write the mission bag, acknowledge; with --run localize and learn.",
+    "learn": "Localize and learn from the bag a base station is writing.",
+    "robot": "Send what one robot of a bag, or of a simulated world, records.",
+    "world": "A simulated world whose robots go to the goals they are sent.",
+    "demo": "Three simulated robots, a base station that learns and a page, on this machine.",
     "keys": "Make the certificates by which base station and robots know each other.",
     "soak": "Loss, jitter and kills on loopback; says what was lost.",
     "finish": "Put the bag of a killed base station in order.",

@@ -1,4 +1,4 @@
-"""``mulan fleet robot``: a robot that replays its part of a bag."""
+"""``mulan fleet robot``: a robot that replays its part of a bag, or moves in a simulated world."""
 
 import threading
 import time
@@ -22,12 +22,17 @@ from mulan.mission.run_folder import write_json
 
 @dataclass(frozen=True)
 class Options:
-    """Send what one robot of a bag recorded; what the base station has not got stays in the spool."""
+    """Send what one robot of a bag (--bag) or of a simulated world (--simulate) records.
+
+    What the base station has not got stays in the spool.
+    """
 
     robot: Annotated[RobotConfig, tyro.conf.arg(name="")]
     """The robot."""
     replay: Annotated[ReplayConfig, tyro.conf.arg(name="")]
     """What it sends."""
+    simulate: Path | None = None
+    """Folder of a world made by 'mulan fleet world'; there the robot goes to the goals it is sent."""
     patience_s: float = 20.0
     """A robot whose name is taken gives up after this time."""
     status: Path | None = None
@@ -38,11 +43,11 @@ def main(arguments: Sequence[str]) -> int:
     """Replay, then wait until the base station has everything."""
     options = tyro.cli(Options, args=arguments, prog="mulan fleet robot")
     stop, config = stop_on_signals(), options.robot
-    clock = ReplayClock(options.replay.bag, config.name, options.replay.speed, config.spool, config.spool_mb)
+    if (options.replay.bag is None) == (options.simulate is None):
+        raise InputError("options", "--bag", "and --simulate exclude each other", "give one of them")
     if options.replay.speed != 1.0:
         config = replace(config, clock_every_s=float("inf"))  # such a clock has no constant offset
-    link = RobotLink(config, clock.now_ns, lambda text: console.print(escape(text)))
-    replay = Replay(options.replay, link, clock)
+    link, replay = _start(options, config)
     failed: list[InputError | OSError] = []
 
     def work() -> None:
@@ -72,6 +77,23 @@ def main(arguments: Sequence[str]) -> int:
         f"{config.name}: {link.counts.stored} messages acknowledged, {waiting} still wait in the spool"
     )
     return 0
+
+
+def _start(options: Options, config: RobotConfig) -> tuple[RobotLink, Replay]:
+    def tell(text: str) -> None:
+        console.print(escape(text))
+
+    if options.simulate is not None:
+        # the simulator's libraries are not for robots that only replay
+        from mulan.fleet.simulated_robot import GoalInbox, SimulatedRobot, WorldClock
+
+        world_clock, goals = WorldClock(options.simulate, options.replay.speed), GoalInbox()
+        link = RobotLink(config, world_clock.now_ns, tell, on_goal=goals.put)
+        return link, SimulatedRobot(options.simulate, options.replay, link, world_clock, goals)
+    assert options.replay.bag is not None
+    clock = ReplayClock(options.replay.bag, config.name, options.replay.speed, config.spool, config.spool_mb)
+    link = RobotLink(config, clock.now_ns, tell)
+    return link, Replay(options.replay, link, clock)
 
 
 def _watch(

@@ -1,7 +1,7 @@
 """``mulan plan``: where each robot should look next."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,7 +11,6 @@ from mulan.cli.progress import console, progress_bar
 from mulan.mission.run_folder import RunFolder
 from mulan.planning.candidates import CandidateConfig
 from mulan.planning.free_space import FreeSpaceConfig
-from mulan.planning.knowledge import LookConfig
 from mulan.planning.plan import PlanConfig
 from mulan.planning.pose_growth import DriftConfig
 from mulan.planning.radio_fix import RadioFixConfig
@@ -19,7 +18,7 @@ from mulan.planning.run_files import plan_run
 from mulan.planning.score import LiteralPosterior, PropagatedPosterior
 from mulan.planning.team import TeamConfig
 from mulan.planning.team_plan import TeamPlanConfig
-from mulan.planning.team_run import EnsembleConfig, TeamRunConfig, plan_team_run
+from mulan.planning.team_run import TEAM_LOOKS, EnsembleConfig, TeamRunConfig, plan_team_run
 from mulan.reconstruction.field_file import load_field
 
 
@@ -33,8 +32,9 @@ class Options:
     """How views are judged: the paper's fall of the learned variance on the ring, each robot alone, with pose
     uncertainty propagated to colour or in the formula as printed; or by new directions and the disagreement
     of small fields, jointly for the team (slower: the small fields are learnt first)."""
-    columns: int = 32
-    """Rays across a candidate's image; the rows follow from its aspect."""
+    columns: int | None = None
+    """Rays across a candidate's image; the rows follow from its aspect. 32 if not given, 16 with --rule
+    team."""
     candidates: CandidateConfig = field(default_factory=CandidateConfig)
     """The ring of views about each robot."""
     drift: DriftConfig = field(default_factory=DriftConfig)
@@ -52,10 +52,12 @@ class Options:
         """The planner's options."""
         if self.rule == "team":
             plan = TeamPlanConfig(self.candidates, self.free_space, self.drift, self.radio, self.team)
-            looks = LookConfig(columns=self.columns, chosen_columns=2 * self.columns)
+            looks = TEAM_LOOKS
+            if self.columns is not None:
+                looks = replace(looks, columns=self.columns, chosen_columns=2 * self.columns)
             return TeamRunConfig(plan, self.ensemble, looks)
         posterior = LiteralPosterior() if self.rule == "literal" else PropagatedPosterior()
-        return PlanConfig(self.candidates, self.drift, posterior, self.columns)
+        return PlanConfig(self.candidates, self.drift, posterior, self.columns or PlanConfig.columns)
 
 
 def plan(run: RunFolder, config: TeamRunConfig | PlanConfig) -> None:
@@ -84,5 +86,6 @@ def main(arguments: Sequence[str]) -> int:
     plan(run, options.config())
     run.record_config("plan", asdict(options))
     console.print(f"Plan: [bold]{run.plan}[/], picture: [bold]{run.plan.with_suffix('.png')}[/]")
+    console.print(f"Goals as geometry_msgs/PoseStamped: [bold]{run.goals}[/]")
     console.print(f"Next: [cyan]mulan report {options.run}[/]")
     return 0

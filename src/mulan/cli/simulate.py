@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
+from tyro.conf import EnumChoicesFromValues
 
+from mulan.cli import simulate_active
 from mulan.cli.progress import console, progress_bar
 from mulan.errors import InputError
 from mulan.mission.bag_writer import write_mission
@@ -15,18 +17,24 @@ from mulan.mission.types import Mission
 from mulan.simulation.from_images import ImageMissionConfig, simulate_from_images
 from mulan.simulation.recording import SensorConfig
 from mulan.simulation.timeline import TourConfig
+from mulan.simulation.world_kind import WorldKind
 
 
 @dataclass(frozen=True)
 class Options:
-    """Make a mission bag: from posed photographs (--images) or, without them, from a rendered room."""
+    """Make a mission bag: from posed photographs (--images) or, without them, from a rendered world."""
 
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """The bag to write, ending in .mcap."""
     images: Path | None = None
     """Posed images to share, a folder or transforms.json (Blender, nerfstudio, instant-ngp)."""
-    scene_file: Path | None = None
-    """Mitsuba XML scene to photograph instead of the built-in room."""
+    world: EnumChoicesFromValues[WorldKind] = WorldKind.ROOM
+    """Without --images: which built-in world to photograph."""
+    scene_file: Annotated[Path | None, tyro.conf.arg(aliases=["--scene"])] = None
+    """Mitsuba XML scene (z up, metres, its subject at the origin) instead of a built-in world."""
+    active: bool = False
+    """The robots choose their own views in a closed loop, and a whole run comes out; it has
+    options of its own, see 'mulan simulate --active --help'."""
     robots: int = 2
     """Number of robots."""
     seed: int = 0
@@ -78,12 +86,13 @@ def simulate(options: Options) -> Mission:
         width=options.width,
         height=options.height,
         samples_per_pixel=options.samples_per_pixel,
+        world=options.world,
         scene_file=options.scene_file,
         seed=options.seed,
         tour=options.tour,
         sensors=options.sensors,
     )
-    with progress_bar("Photographing the room") as progress:
+    with progress_bar("Photographing") as progress:
         return simulate_from_scene(scene_config, progress)
 
 
@@ -99,6 +108,8 @@ def describe(mission: Mission) -> str:
 
 def main(arguments: Sequence[str]) -> int:
     """Simulate and write the bag."""
+    if "--active" in arguments:
+        return simulate_active.main([word for word in arguments if word != "--active"])
     options = tyro.cli(Options, args=arguments, prog="mulan simulate")
     mission = simulate(options)
     write_mission(mission, options.out)

@@ -49,7 +49,8 @@ def main(arguments: Sequence[str]) -> int:
         engine.replace(load_engine(run.field))
         page.redraw()
 
-    watch = RunWatch({run.field: field_changed, run.plan: page.show_plan})
+    changes = {run.field: field_changed, run.plan: page.show_plan, run.transforms: page.show_mission}
+    watch = RunWatch(changes)
     console.print(f"Page: [bold]{page.url}[/]   (Ctrl-C closes it)")
     if options.viewer.host not in ("0.0.0.0", "::"):
         console.print("To open it from another computer: [cyan]--viewer.host 0.0.0.0[/]")

@@ -1,11 +1,13 @@
 """The base station: receives what robots send, writes it to the bag, and only then acknowledges."""
 
+import queue
 import secrets
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import zenoh
 from rosbags.typesys.stores import ros2_jazzy as ros
@@ -16,17 +18,19 @@ from mulan.fleet.clock_record import recorded_offset
 from mulan.fleet.inbox import Inbox, Received
 from mulan.fleet.ingest import Ingest, IngestConfig
 from mulan.fleet.journal import Entry, Journal
-from mulan.fleet.names import acknowledgement_key, check_mission_name, check_robot_name
+from mulan.fleet.names import acknowledgement_key, check_mission_name, check_robot_name, order_key
 from mulan.fleet.refusals import Deferral, LinkStatus, Refusal
 from mulan.fleet.verdict import Arrival, Verdict
 from mulan.fleet.wire_topics import CLOCK
 from mulan.fleet.zenoh_session import LinkConfig, open_base_session
 from mulan.mission import messages
+from mulan.mission.messages import Topic
 
 _LARGEST_BATCH = 128  # so that answers do not wait for long batches
 _ANSWER_EVERY_S = 0.2
 _TICK_S = 0.05
 _REFUSE_EVERY_S = 0.5
+_REPEAT_EVERY_S = 1.0  # orders are not acknowledged, so the last one of each kind is said again
 
 
 @dataclass(frozen=True)
@@ -92,6 +96,9 @@ class BaseStation:
         self._due: dict[str, Verdict] = {}
         self._due_received_ns: dict[str, int] = {}
         self._told: dict[tuple[str, str], float] = {}
+        self._orders: queue.SimpleQueue[tuple[str, Topic, bytes]] = queue.SimpleQueue()
+        self._ordered: dict[tuple[str, str], bytes] = {}
+        self._orders_written = 0
         self._closing = threading.Event()
         self.journal = Journal(config.out, config.durable, self.ingest.remember)
         try:
@@ -114,6 +121,19 @@ class BaseStation:
         """Messages left to be sent again because too many waited."""
         return self._inbox.dropped
 
+    def order(self, robot: str, topic: Topic, message: Any) -> None:
+        """Write a message of the base station's own to the bag and tell the robot; any thread may.
+
+        A robot hears the last message of a topic again every second, until another takes its place.
+
+        Args:
+            robot: Who is told.
+            topic: Where it stands in the bag, below the robot's name.
+            message: A ROS message of the topic's type.
+        """
+        payload = bytes(messages.typestore().serialize_cdr(message, topic.msgtype))
+        self._orders.put((robot, topic, payload))
+
     def close(self) -> None:
         """Stop receiving, write what waits, finish the bag."""
         self._subscriber.undeclare()
@@ -134,7 +154,7 @@ class BaseStation:
         self.journal.append([Entry(messages.ROBOTS, messages.ROBOTS_TYPE, "", 0, 0, now_ns, now_ns, payload)])
 
     def _work(self) -> None:
-        answered_s = 0.0
+        answered_s = repeated_s = 0.0
         while True:
             batch = self._inbox.take(_LARGEST_BATCH, _TICK_S)
             if batch:
@@ -143,8 +163,39 @@ class BaseStation:
             if self._due and (now_s - answered_s >= _ANSWER_EVERY_S or self._closing.is_set()):
                 self._answer()
                 answered_s = now_s
+            self._pass_on_orders()
+            if now_s - repeated_s >= _REPEAT_EVERY_S:
+                for (robot, suffix), payload in self._ordered.items():
+                    self._tell_robot(robot, suffix, payload)
+                repeated_s = now_s
             if self._closing.is_set() and not batch:
                 return
+
+    def _pass_on_orders(self) -> None:
+        """Orders go to the bag before they go out; with a full disk they wait."""
+        while not self.disk_problem:
+            try:
+                robot, topic, payload = self._orders.get_nowait()
+            except queue.Empty:
+                return
+            now_ns = time.time_ns()
+            self._orders_written += 1
+            entry = Entry(
+                topic.of(robot), topic.msgtype, "", 0, self._orders_written, now_ns, now_ns, payload
+            )
+            try:
+                self.journal.append([entry])
+            except OSError:
+                return  # a later order takes its place
+            self._ordered[robot, topic.suffix] = payload
+            self._tell_robot(robot, topic.suffix, payload)
+
+    def _tell_robot(self, robot: str, suffix: str, payload: bytes) -> None:
+        self._session.put(
+            order_key(self.config.mission, robot, suffix),
+            payload,
+            congestion_control=zenoh.CongestionControl.DROP,
+        )
 
     def _take_in(self, batch: list[Received]) -> None:
         accepted: list[Verdict] = []

@@ -59,6 +59,8 @@ class JournalScan:
 def scan(path: Path, into: JournalScan) -> Iterator[RecordedMessage]:
     """Every whole message of an unchunked file, in the order written; ``into`` is filled on the way.
 
+    A scan that was used before goes on behind what it has.
+
     Raises:
         InputError: The file is not MCAP, or not one a journal wrote.
     """
@@ -67,7 +69,7 @@ def scan(path: Path, into: JournalScan) -> Iterator[RecordedMessage]:
         file.seek(0)
         if file.read(len(MAGIC)) != MAGIC:
             raise InputError(path, "file", "is not an MCAP file", "choose another --out")
-        into.end = len(MAGIC)
+        into.end = max(into.end, len(MAGIC))
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
             yield from _records(path, data, size, into)
 

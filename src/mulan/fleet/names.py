@@ -45,6 +45,11 @@ def acknowledgement_key(mission: str, robot: str) -> str:
     return f"mulan/{mission}/{BASE}/{robot}/acknowledgement"
 
 
+def order_key(mission: str, robot: str, suffix: str) -> str:
+    """Where the base station tells a robot something that has a topic of its own in the bag."""
+    return f"mulan/{mission}/{BASE}/{robot}/{suffix}"
+
+
 def is_robot_name(name: str) -> bool:
     """Whether a robot may have this name: a ROS name of at most 32 letters that means nothing else."""
     return (

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -28,7 +28,7 @@ _STARTED = "replay started"
 class ReplayConfig:
     """What is replayed, how fast, and what of it is sent."""
 
-    bag: Path
+    bag: Path | None = None
     """Mission bag to replay."""
     speed: float = 1.0
     """Times real time; 0 sends as fast as the link takes."""
@@ -45,6 +45,19 @@ class _Recorded:
     record_ns: int
     payload: bytes
     message: Any
+
+
+@runtime_checkable
+class RecordingClock(Protocol):
+    """The time recorded messages are stamped with."""
+
+    def now_ns(self) -> int:
+        """That time now."""
+        ...
+
+    def wait_until(self, log_ns: int, stop: Callable[[], bool]) -> None:
+        """Sleep until that time has come to a message's."""
+        ...
 
 
 class ReplayClock:
@@ -104,7 +117,7 @@ class Replay:
         total, done: Messages of the robot in the bag, and how many were dealt with.
     """
 
-    def __init__(self, config: ReplayConfig, link: RobotLink, clock: ReplayClock) -> None:
+    def __init__(self, config: ReplayConfig, link: RobotLink, clock: RecordingClock) -> None:
         self.images = ImageBudget(config.images)
         self.total = 0
         self.done = 0
@@ -121,16 +134,23 @@ class Replay:
             InputError: A photograph cannot be read.
         """
         resume_at = self._link.spool.position
-        with Reader(self._config.bag) as reader:
-            self.total = sum(c.msgcount for c in reader.connections if self._suffix(c.topic))
-            for recorded in self._recorded(reader):
-                self.done += 1
-                again = self.done <= resume_at
-                if not again:
-                    self._clock.wait_until(recorded.log_ns, stop)
-                if stop():
-                    return
-                self._feed(recorded, again)
+        for bag in self._bags(stop):
+            with Reader(bag) as reader:
+                self.total += sum(c.msgcount for c in reader.connections if self._suffix(c.topic))
+                for recorded in self._recorded(reader, bag):
+                    self.done += 1
+                    again = self.done <= resume_at
+                    if not again:
+                        self._clock.wait_until(recorded.log_ns, stop)
+                    if stop():
+                        return
+                    self._feed(recorded, again)
+
+    def _bags(self, stop: Callable[[], bool]) -> Iterator[Path]:  # noqa: ARG002
+        """What is replayed, one after another."""
+        if self._config.bag is None:
+            raise InputError("replay", "bag", "is not named", "give --bag")
+        yield self._config.bag
 
     def _feed(self, recorded: _Recorded, again: bool) -> None:
         """Send what is due by a message; ``again`` only brings the choosers to where they were."""
@@ -169,7 +189,7 @@ class Replay:
         known = topic.startswith(prefix) and suffix in WIRE_TOPICS
         return suffix if known and suffix != MOUNTS.suffix else None
 
-    def _recorded(self, reader: Reader) -> Iterator[_Recorded]:
+    def _recorded(self, reader: Reader, bag: Path) -> Iterator[_Recorded]:
         """This robot's messages in the order they were logged, its mounts taken out of the common topic."""
         store = messages.typestore()
         wanted = [c for c in reader.connections if self._suffix(c.topic)]
@@ -179,7 +199,7 @@ class Replay:
             entry = WIRE_TOPICS[suffix]
             if connection.msgtype != entry.topic.msgtype:
                 problem = f"has type {connection.msgtype} instead of {entry.topic.msgtype}"
-                raise InputError(self._config.bag, f"topic {connection.topic}", problem, "record that type")
+                raise InputError(bag, f"topic {connection.topic}", problem, "record that type")
             message: Any = store.deserialize_cdr(data, connection.msgtype)
             payload = bytes(data)
             if suffix == MOUNTS.suffix:

@@ -18,7 +18,13 @@ from mulan.fleet.clock_record import clock_record
 from mulan.fleet.content_checks import to_ns
 from mulan.fleet.envelope import PROTOCOL_VERSION, Envelope, EnvelopeError
 from mulan.fleet.lossy_link import LossConfig, LossyLink
-from mulan.fleet.names import RobotKey, acknowledgement_key, check_mission_name, check_robot_name
+from mulan.fleet.names import (
+    RobotKey,
+    acknowledgement_key,
+    check_mission_name,
+    check_robot_name,
+    order_key,
+)
 from mulan.fleet.refusals import LinkStatus
 from mulan.fleet.send_window import SendWindow, WindowConfig
 from mulan.fleet.spool import Spool, Spooled, Unsent
@@ -95,6 +101,7 @@ class RobotLink:
         clock_ns: Callable[[], int] = time.time_ns,
         tell: Callable[[str], object] = lambda _: None,
         version: int = PROTOCOL_VERSION,
+        on_goal: Callable[[Any], object] | None = None,
     ) -> None:
         """Open the spool and the network; sending begins at once.
 
@@ -103,6 +110,8 @@ class RobotLink:
             clock_ns: The robot's clock, the one its messages are stamped with.
             tell: Called with a sentence when something happens that a person should know.
             version: Protocol version to claim; for tests.
+            on_goal: Called with every ``geometry_msgs/PoseStamped`` the base station sends, a goal again and
+                again; by a thread of its own.
 
         Raises:
             InputError: A name or the endpoint is not valid, or the spool cannot be used.
@@ -131,9 +140,16 @@ class RobotLink:
             raise
         self._out = LossyLink(config.loss, self._put, 0)
         self._in = LossyLink(config.loss, self._hear, 1)
+        self._goals_in = LossyLink(config.loss, self._hear_goal, 2)
+        self._on_goal = on_goal
         self._subscriber = self._session.declare_subscriber(
             acknowledgement_key(config.mission, config.name), lambda s: self._in.send(s.payload.to_bytes())
         )
+        if on_goal is not None:
+            self._goal_subscriber = self._session.declare_subscriber(
+                order_key(config.mission, config.name, messages.GOAL.suffix),
+                lambda s: self._goals_in.send(s.payload.to_bytes()),
+            )
         self._thread = threading.Thread(target=self._work, name=f"link of {config.name}", daemon=True)
         self._thread.start()
 
@@ -186,6 +202,7 @@ class RobotLink:
         time.sleep(self.config.loss.delay_s + self.config.loss.jitter_s)
         self._out.close()
         self._in.close()
+        self._goals_in.close()
         self._session.close()
         self.spool.close()
 
@@ -266,6 +283,14 @@ class RobotLink:
         with self._changed:
             self._heed(answer, returned_ns)
             self._changed.notify()
+
+    def _hear_goal(self, payload: bytes) -> None:
+        assert self._on_goal is not None
+        try:
+            goal = messages.typestore().deserialize_cdr(payload, messages.GOAL.msgtype)
+        except Exception:  # generated code: short data surfaces as whatever the field's reader raises
+            return
+        self._on_goal(goal)
 
     def _heed(self, answer: Acknowledgement, returned_ns: int) -> None:
         now_s = time.monotonic()

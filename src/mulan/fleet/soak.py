@@ -1,6 +1,5 @@
 """A fleet on loopback through loss, jitter and kills, and what of its messages was lost."""
 
-import socket
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
@@ -15,7 +14,15 @@ from mulan.evaluation.provenance import provenance
 from mulan.fleet.journal import Journal, sender_of
 from mulan.fleet.journal_scan import RecordedMessage
 from mulan.fleet.lossy_link import LossConfig
-from mulan.fleet.soak_processes import Kill, Member, base_member, robot_member, start_all, watch
+from mulan.fleet.soak_processes import (
+    Kill,
+    Member,
+    base_member,
+    free_endpoint,
+    robot_member,
+    start_all,
+    watch,
+)
 from mulan.fleet.spool import Spool
 from mulan.localization.accuracy import accuracy
 from mulan.localization.localize import LocalizationConfig, localize
@@ -75,7 +82,7 @@ def soak(config: SoakConfig, stage: Callable[[str], object] = lambda _: None) ->
     with Reader(config.bag) as reader:
         duration_s = reader.duration * 1e-9
     test_s = config.minutes * 60
-    endpoint = _free_endpoint()
+    endpoint = free_endpoint()
     base = base_member(folder, received, endpoint, names)
     robots = [
         robot_member(
@@ -233,9 +240,3 @@ def _largest_difference_m(solved: Mapping[str, Localization]) -> float | None:
         off = one[robot].T_world_body[first, :3, 3] - other[robot].T_world_body[second, :3, 3]
         apart += list(np.linalg.norm(off, axis=1))
     return float(max(apart)) if apart else None
-
-
-def _free_endpoint() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"

@@ -1,8 +1,9 @@
-"""The processes of a soak test: a base station and robots on loopback, started, killed and started again."""
+"""The processes of a fleet on loopback, started, killed and started again."""
 
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -20,9 +21,11 @@ class Member:
 
     Attributes:
         name: For file names.
-        arguments: Of ``mulan fleet``.
+        arguments: Of ``mulan``'s command.
         folder: Where logs and figures go.
         ready_sign: What a process prints when it is at work.
+        command: ``mulan``'s command.
+        writes_figures: Whether it takes ``--status``.
         processes: Started so far, the last one maybe running.
         killed_s: When it was killed, and when it was started again.
     """
@@ -31,14 +34,17 @@ class Member:
     arguments: list[str]
     folder: Path
     ready_sign: str
+    command: str = "fleet"
+    writes_figures: bool = True
     processes: list[subprocess.Popen[bytes]] = field(default_factory=list)
     killed_s: list[tuple[float, float]] = field(default_factory=list)
 
     def start(self) -> None:
         """Start a process."""
         count = len(self.processes)
-        command = [sys.executable, "-m", "mulan.cli.main", "fleet", *self.arguments]
-        command += ["--status", str(self.folder / f"{self.name}-{count}.json")]
+        command = [sys.executable, "-m", "mulan.cli.main", self.command, *self.arguments]
+        if self.writes_figures:
+            command += ["--status", str(self.folder / f"{self.name}-{count}.json")]
         threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         with (self.folder / f"{self.name}-{count}.log").open("wb") as log:
             self.processes.append(subprocess.Popen(command, stdout=log, stderr=log, env=os.environ | threads))
@@ -64,11 +70,16 @@ class Member:
         self.processes[-1].send_signal(signal.SIGKILL)
         self.processes[-1].wait()
 
+    def ask_to_end(self) -> None:
+        """Ask it to end in good order; do not wait for it."""
+        if self.running:
+            self.processes[-1].send_signal(signal.SIGTERM)
+
     def stop(self, timeout_s: float) -> None:
         """Ask it to end in good order; kill it when it does not."""
         if not self.running:
             return
-        self.processes[-1].send_signal(signal.SIGTERM)
+        self.ask_to_end()
         try:
             self.processes[-1].wait(timeout_s)
         except subprocess.TimeoutExpired:
@@ -170,3 +181,10 @@ def watch(members: list[Member], kills: list[Kill], until_s: float) -> float:
             return now_s
         time.sleep(0.05)
     return until_s
+
+
+def free_endpoint() -> str:
+    """An address on this machine nobody listens at."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"

@@ -185,12 +185,14 @@ def relative_record(localization: Localization) -> list[dict[str, Any]]:
     ]
 
 
-def write_localization(localization: Localization, mission: Mission, run: RunFolder) -> None:
+def write_localization(
+    localization: Localization, mission: Mission, run: RunFolder, picture: bool = True
+) -> None:
     """Write what was concluded, a picture of it, and the poses of every placed robot.
 
     ``localization.json`` and ``.png``, ``relative_poses.json``, ``poses/<robot>.tum`` (bodies) and
     ``poses/<robot>.json`` (cameras). Poses that an earlier localization left of a robot not placed any more
-    are removed.
+    are removed. ``picture`` may be left out where all this is written again and again.
 
     Raises:
         InputError: The disk is full or the folder cannot be written.
@@ -212,4 +214,5 @@ def write_localization(localization: Localization, mission: Mission, run: RunFol
     write_json(run.relative_poses, relative_record(localization))
     record = localization_record(localization, mission)
     write_json(run.localization, record)
-    draw_localization(record, run.localization.with_suffix(".png"))
+    if picture:
+        draw_localization(record, run.localization.with_suffix(".png"))

@@ -52,6 +52,8 @@ ODOMETRY = Topic("odom", "nav_msgs/msg/Odometry")
 CSI = Topic("csi", CSI_TYPE)
 RANGE = Topic("range", RANGE_TYPE)
 GROUND_TRUTH = Topic("ground_truth", "geometry_msgs/msg/PoseStamped")
+GOAL = Topic("goal_pose", "geometry_msgs/msg/PoseStamped")  # sent to a robot, not recorded by it
+POSE = Topic("pose", "geometry_msgs/msg/PoseWithCovarianceStamped")  # body in world, from the base station
 ROBOT_TOPICS = (IMAGE, CAMERA_INFO, ODOMETRY, CSI, RANGE, GROUND_TRUTH)
 
 HELD_OUT = "held_out"  # the namespace of test views; no robot may have this name

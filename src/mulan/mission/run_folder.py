@@ -128,6 +128,11 @@ class RunFolder:
         return self.root / "plan.json"
 
     @property
+    def goals(self) -> Path:
+        """The chosen views as ROS messages, one a topic."""
+        return self.root / "goal_poses.json"
+
+    @property
     def report(self) -> Path:
         """The page a person reads."""
         return self.root / "report.html"

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy.typing import NDArray
-from torch import Tensor
+from scipy.sparse import csr_array
 
 from mulan.planning.knowledge import Knowledge
 from mulan.planning.scores.angular_novelty import AngularNovelty
@@ -33,23 +33,34 @@ class CellWorth:
         self._scores, self._knowledge = tuple(scores), knowledge
         self._units: tuple[float, ...] | None = None
 
-    def of(self, candidates: Sequence[View]) -> Float[NDArray, "n cells"]:
-        """Worth of each candidate in each cell; the first call sets the units."""
-        shape = len(candidates), self._knowledge.grid.cells
+    def of(self, candidates: Sequence[View]) -> csr_array:
+        """Worth of each candidate (row) in each cell (column); the first call sets the units."""
         parts = [
-            np.array([_by_cell(score, self._knowledge, view).numpy() for view in candidates]).reshape(shape)
+            _rows([_by_cell(score, self._knowledge, view) for view in candidates], self._knowledge.grid.cells)
             for score in self._scores
         ]
         if self._units is None and candidates:
-            self._units = tuple(max(float(part.sum(1).mean()), 1e-12) for part in parts)
-        total = np.zeros(shape, np.float32)
+            self._units = tuple(max(float(part.sum()) / len(candidates), 1e-12) for part in parts)
+        total = csr_array((len(candidates), self._knowledge.grid.cells), dtype=np.float32)
         for part, unit in zip(parts, self._units or (), strict=bool(self._units)):
-            total += part / unit
+            total = total + part / unit
         return total / len(parts)
 
 
-def _by_cell(score: RayScore, knowledge: Knowledge, candidate: View) -> Float[Tensor, "cells"]:
+def _by_cell(
+    score: RayScore, knowledge: Knowledge, candidate: View
+) -> tuple[Int[NDArray, "seen"], Float[NDArray, "seen"]]:
+    """Cells a candidate sees, and what it would teach in each."""
     seen = knowledge.look(candidate)
     of_ray = score.information(knowledge, candidate) * seen.certainty
     of_ray = of_ray / torch.bincount(seen.ray, minlength=len(of_ray)).clamp_min(1)
-    return torch.zeros(knowledge.grid.cells).index_add(0, seen.cell, of_ray[seen.ray])
+    cell, number = torch.unique(seen.cell, return_inverse=True)
+    return cell.numpy(), torch.zeros(len(cell)).index_add(0, number, of_ray[seen.ray]).numpy()
+
+
+def _rows(found: Sequence[tuple[Int[NDArray, "_"], Float[NDArray, "_"]]], cells: int) -> csr_array:
+    """One row a candidate."""
+    ends = np.cumsum([0, *(len(cell) for cell, _ in found)])
+    cell = np.concatenate([np.zeros(0, np.int64), *(cell for cell, _ in found)])
+    value = np.concatenate([np.zeros(0, np.float32), *(value for _, value in found)])
+    return csr_array((value, cell, ends), shape=(len(found), cells))

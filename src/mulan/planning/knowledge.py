@@ -2,6 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from mulan.planning.cells import CellGrid
 from mulan.planning.look import Look, look
@@ -18,6 +23,9 @@ class LookConfig:
     """Rays across a candidate's image."""
     chosen_columns: int = 50
     """Rays across the image of a view that was taken, so that no cell it saw is missed by chance."""
+    certainty_columns: int | None = None
+    """Rays across the image that say how far the pose lets colours be trusted; half the columns if not given.
+    Each is rendered at up to twelve displaced poses, so they cost most."""
     colour_variance: float = 0.005
     """s₀²: colour variance of a pixel whose pose is exact, as in the weights of a training."""
 
@@ -45,11 +53,12 @@ class Knowledge:
         self.fields, self.chosen = tuple(fields), tuple(chosen)
         self.config, self.grid = config or LookConfig(), CellGrid.of(space)
         self._looks: dict[tuple[View, int], Look] = {}
+        self._trust: dict[View, Float[Tensor, "cells"]] = {}
 
     def with_chosen(self, view: View) -> "Knowledge":
         """The same fields once a view is decided on, before anything was learnt from it."""
         more = Knowledge(self.fields, self.grid.space, (*self.chosen, view), self.config)
-        more._looks = self._looks
+        more._looks, more._trust = self._looks, self._trust
         return more
 
     def look(self, candidate: View) -> Look:
@@ -61,8 +70,21 @@ class Knowledge:
         """What each chosen view saw."""
         return [self._look(view, self.config.chosen_columns) for view in self.chosen]
 
+    @cached_property
+    def chosen_trust(self) -> Float[Tensor, "chosen cells"]:
+        """Mean certainty of the rays of each chosen view that see each cell, 0 where none does."""
+        for view, seen in zip(self.chosen, self.chosen_looks, strict=True):
+            if view not in self._trust:
+                self._trust[view] = seen.trust_in_cells(self.grid.cells)
+        rows = [self._trust[view] for view in self.chosen]
+        return torch.stack(rows) if rows else torch.zeros(0, self.grid.cells)
+
     def _look(self, view: View, columns: int) -> Look:
         key = view, columns
         if key not in self._looks:
-            self._looks[key] = look(self.fields[0], self.grid, view, columns, self.config.colour_variance)
+            config = self.config
+            coarse = config.certainty_columns or max(columns // 2, 1)
+            self._looks[key] = look(
+                self.fields[0], self.grid, view, columns, config.colour_variance, min(coarse, columns)
+            )
         return self._looks[key]

@@ -44,7 +44,14 @@ class Look:
         return torch.zeros(len(self.origins)).index_add(0, self.ray, of_cell / count[number])
 
 
-def look(engine: RadianceEngine, grid: CellGrid, view: View, columns: int, colour_variance: float) -> Look:
+def look(
+    engine: RadianceEngine,
+    grid: CellGrid,
+    view: View,
+    columns: int,
+    colour_variance: float,
+    certainty_columns: int,
+) -> Look:
     """Cast a view's rays into the field.
 
     Args:
@@ -54,6 +61,7 @@ def look(engine: RadianceEngine, grid: CellGrid, view: View, columns: int, colou
         columns: Rays across its image.
         colour_variance: s₀², what a colour is off by at an exact pose; the certainty of a ray is
             ``s₀²/(s₀² + v)`` with v the colour variance under the pose's covariance (sigma points).
+        certainty_columns: Rays across the image that v is worked out for; the others take the nearest one's.
     """
     origins, directions = camera_rays(view.camera, view.T_world_camera, columns)
     samples = engine.sample(origins, directions)
@@ -62,14 +70,13 @@ def look(engine: RadianceEngine, grid: CellGrid, view: View, columns: int, colou
     pairs, number = torch.unique(pair, return_inverse=True)
     blend = torch.zeros(len(pairs)).index_add(0, number, samples.blend)
     pairs = pairs[blend >= LEAST_BLEND]
-    v = _colour_variance(engine, view, columns)
+    v = _colour_variance(engine, view, columns, certainty_columns)
     certainty = colour_variance / (colour_variance + v)
     return Look(origins, directions, certainty, pairs // grid.cells, pairs % grid.cells)
 
 
-def _colour_variance(engine: RadianceEngine, view: View, columns: int) -> Float[Tensor, "r"]:
-    """Under the pose's covariance, from half as many rays each way, which is a quarter of the work."""
-    coarse = max(columns // 2, 1)
+def _colour_variance(engine: RadianceEngine, view: View, columns: int, coarse: int) -> Float[Tensor, "r"]:
+    """Under the pose's covariance, from fewer rays each way, which is much less work."""
     v = pose_colour_variance(engine, CandidateView(view.camera, view.T_world_camera, view.covariance, coarse))
     rows, coarse_rows = rows_for(view.camera, columns), rows_for(view.camera, coarse)
     row = torch.arange(rows) * coarse_rows // rows

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from mulan.errors import InputError
 from mulan.geometry.alignment import point_nearest_to_axes
+from mulan.mission.goals import goals_as_json
+from mulan.mission.messages import RobotFrames
 from mulan.mission.nerfstudio import read_transforms
 from mulan.mission.posed_images import PosedImage, PosedImageSet
 from mulan.mission.run_folder import RunFolder, read_json, write_json
@@ -99,9 +101,18 @@ def looked_at_m(images: PosedImageSet) -> Float[NDArray, "3"]:
 
 
 def write_plan(run: RunFolder, images: PosedImageSet, plan: ViewPlan, engine: RadianceEngine) -> None:
-    """Write plan.json and, beside it, plan.png."""
+    """Write plan.json and, beside it, plan.png and goal_poses.json."""
     write_json(run.plan, plan_as_json(plan))
+    goals = {p.robot.robot: p.T_world_candidate[p.best] for p in plan.robots if p.best is not None}
+    write_json(run.goals, goals_as_json(goals, _world_frame(run)))
     draw_plan(plan, engine, _paths(run, images), run.plan.with_suffix(".png"))
+
+
+def _world_frame(run: RunFolder) -> str:
+    """The anchor's odometry frame where the run was localized, else "world"."""
+    if not run.localization.exists():
+        return "world"
+    return RobotFrames(read_json(run.localization, "mulan localize")["anchor"]).odom
 
 
 def _paths(run: RunFolder, images: PosedImageSet) -> dict[str, np.ndarray]:

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from mulan.geometry import se3
 from mulan.geometry.camera import PinholeCamera
-from mulan.planning.rays import camera_rays, rows_for
+from mulan.planning.rays import camera_rays, rays_of_poses, rows_for
 from mulan.radiance.engine import RadianceEngine, RaySamples
 
 _NEGLIGIBLE_SIGMA = 1e-9  # rad or m; not worth a rendering
@@ -90,9 +90,12 @@ def pose_colour_variance(engine: RadianceEngine, view: CandidateView) -> Float[T
     if not len(twists):
         return torch.zeros(view.columns * rows_for(view.camera, view.columns))
     displacement = np.sqrt(len(twists)) * np.concatenate([twists, -twists])
-    poses = view.T_world_camera @ se3.exp(displacement)
-    colours = [engine.render(*camera_rays(view.camera, T, view.columns)).colour.cpu() for T in poses]
-    return torch.stack(colours).var(0, unbiased=False).mean(-1)
+    origins, directions = rays_of_poses(
+        view.camera, view.T_world_camera @ se3.exp(displacement), view.columns
+    )
+    # all displaced views at once: small ones cost more to begin than to render
+    colour = engine.render(origins, directions).colour.cpu()
+    return colour.view(len(displacement), -1, 3).var(0, unbiased=False).mean(-1)
 
 
 def posterior_variance(samples: RaySamples, noise: Float[Tensor, "s"]) -> Float[Tensor, "s"]:

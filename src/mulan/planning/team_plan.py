@@ -1,11 +1,13 @@
 """The next views of a whole team, chosen together by what they would teach."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
+from scipy.sparse import csr_array, vstack
 
 from mulan.planning.candidates import CandidateConfig, free_candidates, is_free, look_at
 from mulan.planning.cell_worth import CellWorth, default_ray_scores
@@ -35,6 +37,9 @@ class TeamPlanConfig:
     """What the radio will tell there about the pose."""
     team: TeamConfig = field(default_factory=TeamConfig)
     """Price of travel, and radio range."""
+    headings: int = 0
+    """Level views to try at each place, evenly spread; 0 looks at the scene's centre, which suits a scene
+    that has one. With more, there are as many fewer places, and turning on the spot is tried too."""
     refinements: int = 2
     """How often places about the chosen ones are looked at more closely, at half the spacing each time."""
 
@@ -70,13 +75,13 @@ def plan_team(
     for index, robot in enumerate(robots):
         if progress is not None:
             progress(index, len(robots), robot.robot)
-        mates = [_teammate(other) for other in robots if other is not robot]
+        mates = [teammate(other) for other in robots if other is not robot]
         found.append(_Found.first(obstacles, robot, mates, centre_m, config))
     # all at once, so that one robot's mean candidate is not another's unit
     of_all = worth.of([view for one in found for view in one.views])
-    ends = np.cumsum([len(one.travel_m) for one in found])[:-1]
-    for one, of_robot in zip(found, np.split(of_all, ends), strict=True):
-        one.worth = of_robot
+    ends = np.cumsum([0, *(len(one.travel_m) for one in found)])
+    for one, (begin, end) in zip(found, pairwise(ends), strict=True):
+        one.worth = of_all[begin:end]
     picks = _choose(found, budget_m, config)
     step_m = config.free_space.spacing_m
     for _ in range(config.refinements):
@@ -88,7 +93,9 @@ def plan_team(
     if progress is not None:
         progress(len(robots), len(robots), "done")
     plans = [
-        RobotPlan(one.robot, one.T_world_candidate, one.covariance, one.worth.sum(1, dtype=float), pick)
+        RobotPlan(
+            one.robot, one.T_world_candidate, one.covariance, np.asarray(one.worth.sum(1), dtype=float), pick
+        )
         for one, pick in zip(found, picks, strict=True)
     ]
     return ViewPlan(tuple(plans), centre_m, SCORE_MEANING)
@@ -103,7 +110,7 @@ class _Found:
     T_world_candidate: Float[NDArray, "n 4 4"]
     travel_m: Float[NDArray, "n"]
     covariance: Float[NDArray, "n 6 6"]
-    worth: Float[NDArray, "judged cells"]
+    worth: csr_array
 
     @staticmethod
     def first(
@@ -116,10 +123,22 @@ class _Found:
         """The free part of the ring and what is reached beyond it; not judged yet."""
         here = robot.T_world_camera[:3, 3]
         ring = free_candidates(obstacles, robot.T_world_camera, centre_m, config.candidates)
-        beyond = reachable_places(obstacles, here, config.free_space)
-        T = np.concatenate([ring, _looking(robot, beyond.position_m, centre_m)])
-        travel_m = np.concatenate([np.linalg.norm(ring[:, :3, 3] - here, axis=1), beyond.travel_m])
-        return _Found(robot, mates, T, travel_m, _predicted(robot, mates, T, config), np.zeros((0, 0)))
+        travel_m = np.linalg.norm(ring[:, :3, 3] - here, axis=1)
+        if config.headings:
+            places = max(1, config.free_space.places // config.headings)
+            beyond = reachable_places(obstacles, here, replace(config.free_space, places=places))
+            T = _turning(np.concatenate([here[None], beyond.position_m]), config.headings)
+            beyond_m = np.repeat(np.append(0.0, beyond.travel_m), config.headings)
+        else:
+            beyond = reachable_places(obstacles, here, config.free_space)
+            T, beyond_m = _looking(robot, beyond.position_m, centre_m), beyond.travel_m
+        T, travel_m = np.concatenate([ring, T]), np.concatenate([travel_m, beyond_m])
+        return _Found(robot, mates, T, travel_m, _predicted(robot, mates, T, config), csr_array((0, 0)))
+
+    @property
+    def score(self) -> Float[NDArray, "n"]:
+        """What each is worth by itself."""
+        return np.asarray(self.worth.sum(1), dtype=float)
 
     @property
     def views(self) -> list[View]:
@@ -143,24 +162,29 @@ class _Found:
             max_density_per_m=config.free_space.max_density_per_m,
             clearance_m=config.free_space.clearance_m,
         )
-        T = _looking(self.robot, near[is_free(obstacles, place, near, clear)], centre_m)
+        near = near[is_free(obstacles, place, near, clear)]
+        T = _looking(self.robot, near, centre_m)
+        if config.headings:
+            T[:, :3, :3] = self.T_world_candidate[pick][:3, :3]
         covariance = _predicted(self.robot, self.mates, T, config)
         self.T_world_candidate = np.concatenate([self.T_world_candidate, T])
         self.travel_m = np.append(self.travel_m, np.full(len(T), self.travel_m[pick] + step_m))
         self.covariance = np.concatenate([self.covariance, covariance])
-        self.worth = np.concatenate([self.worth, worth.of(_views(self.robot, T, covariance))])
+        self.worth = vstack([self.worth, worth.of(_views(self.robot, T, covariance))], format="csr")
 
 
 def _choose(
     found: Sequence[_Found], budget_m: Sequence[float], config: TeamPlanConfig
 ) -> tuple[int | None, ...]:
+    # of all cells only those some candidate sees
+    seen = np.unique(np.concatenate([one.worth.indices for one in found]))
     choices = [
         RobotChoices(
             one.robot.robot,
             one.robot.T_world_camera[:3, 3],
             one.T_world_candidate[:, :3, 3],
             one.travel_m,
-            one.worth,
+            one.worth[:, seen].toarray(),
             float(budget),
         )
         for one, budget in zip(found, budget_m, strict=True)
@@ -186,6 +210,14 @@ def _looking(
     return np.array([look_at(place, centre_m, right) for place in places_m]).reshape(-1, 4, 4)
 
 
-def _teammate(robot: RobotView) -> Teammate:
+def _turning(places_m: Float[NDArray, "n 3"], headings: int) -> Float[NDArray, "n*k 4 4"]:
+    """Level views all around from each place."""
+    yaw_rad = 2 * np.pi * np.arange(headings) / headings
+    ahead = np.stack([np.cos(yaw_rad), np.sin(yaw_rad), np.zeros(headings)], -1)
+    return np.array([look_at(p, p + a, np.array([1.0, 0.0, 0.0])) for p in places_m for a in ahead])
+
+
+def teammate(robot: RobotView) -> Teammate:
+    """A robot as others hear it."""
     R = robot.T_world_camera[:3, :3]
     return Teammate(robot.T_world_camera[:3, 3], R @ robot.covariance[3:, 3:] @ R.T)

@@ -1,6 +1,6 @@
 """A team's next views on a run folder: the run's photographs teach small fields, their disagreement plans."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,13 +16,19 @@ from mulan.radiance.backend import Device
 from mulan.radiance.config import FieldConfig
 from mulan.radiance.engine import RadianceEngine
 from mulan.radiance.space import SceneSpace
-from mulan.reconstruction.captured_image import load_captured
+from mulan.reconstruction.captured_image import CapturedImage, load_captured
+from mulan.reconstruction.field_choice import choose_march
 from mulan.reconstruction.learn_in_memory import learn_in_memory
+from mulan.reconstruction.scene_space import choose_space
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.weights import UncertaintyWeights
 
 SMALL_FIELD = FieldConfig(log2_table_size=14, finest_resolution=64, harmonics_degree=1)
 """Sizes of a field that is learnt in a second to plan with."""
+_TEAM_FIELD = FieldConfig(levels=5, log2_table_size=14, finest_resolution=64, harmonics_degree=1)
+_FEW_STEPS = 64  # along a ray; finer ones see the same cells, and learn no better in so short a time
+TEAM_LOOKS = LookConfig(columns=16, chosen_columns=32, certainty_columns=6)
+"""Rays enough to tell candidates apart: two robots' 160 are judged in two seconds on one core."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +37,10 @@ class EnsembleConfig:
 
     members: int = 3
     """Fields; below 2 only directions and visibility plan, by the run's own field."""
-    steps: int = 400
+    steps: int = 150
     """Optimiser steps of each."""
+    batch_samples: int = 4096
+    """Field evaluations a step."""
     image_size: int = 100
     """Longest image side they learn from, in pixels."""
 
@@ -45,7 +53,7 @@ class TeamRunConfig:
     """Candidates, and what a team weighs."""
     ensemble: EnsembleConfig = field(default_factory=EnsembleConfig)
     """What is asked for what is not known."""
-    looks: LookConfig = field(default_factory=LookConfig)
+    looks: LookConfig = TEAM_LOOKS
     """Rays of a look."""
 
 
@@ -62,11 +70,67 @@ def plan_team_run(
         InputError: transforms.json is missing or cannot be used, or a photograph cannot be read.
     """
     images = photographed(run)
-    robots = last_views(images)
+    plan, _ = plan_team_images(
+        images,
+        [robot.robot for robot in last_views(images)],
+        None,
+        config.team,
+        config.ensemble,
+        config.looks,
+        (engine, space),
+        progress,
+    )
+    write_plan(run, images, plan, engine)
+    return plan
+
+
+def plan_team_images(
+    images: PosedImageSet,
+    names: Sequence[str],
+    budget_m: Sequence[float] | None,
+    team: TeamPlanConfig,
+    ensemble: EnsembleConfig,
+    looks: LookConfig,
+    trained: tuple[RadianceEngine, SceneSpace] | None = None,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> tuple[ViewPlan, Knowledge]:
+    """Choose the next view of some robots together from photographs alone.
+
+    Args:
+        images: Photographs with believed poses, of all robots.
+        names: Robots to plan for, each from its last photograph.
+        budget_m: How far each may still travel; without end if not given.
+        team: Candidates, and what a team weighs.
+        ensemble: The small fields.
+        looks: Rays of a look.
+        trained: A field of these photographs and where its scene is; the small fields stand in without it.
+        progress: Called with (done, total, what).
+
+    Returns:
+        The plan and what it was made from.
+
+    Raises:
+        InputError: A photograph cannot be read.
+        ValueError: Neither a trained field nor two small ones are asked for.
+    """
+    robots = [robot for robot in last_views(images) if robot.robot in names]
+    robots.sort(key=lambda robot: names.index(robot.robot))
     if progress is not None:
         progress(0, len(robots), "small fields learn")
-    fields = learnt_ensemble(images, space, config.ensemble) or [engine]
-    chosen = [
+    photographs = load_captured(images.train, ensemble.image_size)
+    engine, space = trained or (None, choose_space(photographs))
+    fields = learnt_ensemble(photographs, space, ensemble) or ([engine] if engine is not None else [])
+    if not fields:
+        raise ValueError("planning needs a trained field or an ensemble of at least two")
+    knowledge = Knowledge(fields, space, chosen_views(images), looks)
+    obstacles = engine or fields[0]
+    plan = plan_team(knowledge, obstacles, robots, looked_at_m(images), team, budget_m, progress)
+    return plan, knowledge
+
+
+def chosen_views(images: PosedImageSet) -> list[View]:
+    """Where the training photographs were taken; a pose without covariance counts as exact."""
+    return [
         View(
             image.camera,
             image.T_world_camera,
@@ -74,20 +138,23 @@ def plan_team_run(
         )
         for image in images.train
     ]
-    knowledge = Knowledge(fields, space, chosen, config.looks)
-    plan = plan_team(knowledge, engine, robots, looked_at_m(images), config.team, progress=progress)
-    write_plan(run, images, plan, engine)
-    return plan
 
 
-def learnt_ensemble(images: PosedImageSet, space: SceneSpace, config: EnsembleConfig) -> list[RadianceEngine]:
-    """Small fields of the training photographs, each from its own start; none below two members."""
+def learnt_ensemble(
+    photographs: Sequence[CapturedImage], space: SceneSpace, config: EnsembleConfig
+) -> list[RadianceEngine]:
+    """Small fields of the photographs, each from its own start; none below two members."""
     if config.members < 2:
         return []
+    march = choose_march(config.image_size, space.unbounded)
     training = TrainConfig(
-        image_size=config.image_size, steps=config.steps, device=Device.CPU, field=SMALL_FIELD
+        image_size=config.image_size,
+        steps=config.steps,
+        batch_samples=config.batch_samples,
+        device=Device.CPU,
+        field=_TEAM_FIELD,
+        march=replace(march, steps=_FEW_STEPS, occupancy_resolution=32),
     )
-    photographs = load_captured(images.train, config.image_size)
     return [
         learn_in_memory(photographs, UncertaintyWeights(), space, replace(training, seed=member))
         for member in range(config.members)

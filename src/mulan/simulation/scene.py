@@ -1,5 +1,6 @@
 """The rendered world: built by code or loaded from a user's file, photographed through a pinhole camera."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from mulan.errors import InputError
 from mulan.geometry.camera import PinholeCamera
 from mulan.simulation.image_sources import RoomConfig
 from mulan.simulation.mitsuba_parts import Node, panel, place, plain, use_scalar_variant
+from mulan.simulation.scene_lights import lamp
 from mulan.simulation.scene_room import room
 from mulan.simulation.scene_rover import rover
 
@@ -37,42 +39,53 @@ class SceneConfig:
 
 def build_scene(config: SceneConfig) -> mi.Scene:
     """The furnished room (world: z up, metres, rover at the origin looking along +x)."""
-    use_scalar_variant()
-    rng = np.random.default_rng(config.seed)
+    return build_room(config, rover, np.random.default_rng(config.seed))
+
+
+def build_room(
+    config: SceneConfig,
+    subject: Callable[[np.random.Generator], dict[str, Node]],
+    rng: np.random.Generator,
+) -> mi.Scene:
+    """The furnished room about any subject, which stands in the middle of its floor.
+
+    Args:
+        config: Walls and lamps.
+        subject: Makes the parts, standing on z = 0 at the origin.
+        rng: Source of all patterns.
+    """
     low, high = config.room.min_corner_m, config.room.max_corner_m
     size = np.array(high) - np.array(low)
+    use_scalar_variant()
     T_room = place(((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]))
-    parts = room(float(size[0]), float(size[1]), float(size[2]), rng) | rover(rng)
+    parts = room(float(size[0]), float(size[1]), float(size[2]), rng) | subject(rng)
     parts |= _lights(config, float(size[0]), float(size[1]), float(size[2]))
     for part in parts.values():
         part["to_world"] = mi.ScalarTransform4f(T_room.tolist()) @ part.get(
             "to_world", mi.ScalarTransform4f()
         )
-    scene = mi.load_dict({"type": "scene", "integrator": _integrator(config.max_depth)} | parts)
+    return assemble(parts, config.max_depth)
+
+
+def assemble(parts: dict[str, Node], max_depth: int) -> mi.Scene:
+    """A scene of parts.
+
+    Args:
+        parts: Shapes and emitters by name.
+        max_depth: Longest light path, in bounces from the camera.
+    """
+    use_scalar_variant()
+    scene = mi.load_dict({"type": "scene", "integrator": {"type": "path", "max_depth": max_depth}} | parts)
     assert isinstance(scene, mi.Scene)
     return scene
-
-
-def _integrator(max_depth: int) -> Node:
-    return {"type": "path", "max_depth": max_depth}
 
 
 def _lights(config: SceneConfig, width_m: float, depth_m: float, height_m: float) -> dict[str, Node]:
     ceiling = panel(place((0.0, 0.0, height_m), pitch_deg=180.0), (width_m, depth_m), plain((0.8, 0.8, 0.8)))
     # smaller than the ceiling: fewer wasted samples, less noise
-    skylight = panel(
-        place((-0.4, 0.0, height_m - 0.01), pitch_deg=180.0),
-        (width_m / 2, depth_m / 2),
-        plain((0.0, 0.0, 0.0)),
-    )
-    skylight["emitter"] = _glow(config.skylight_radiance, (1.0, 1.0, 1.0))
-    lamp = panel(place((1.2, 0.9, height_m - 0.02), pitch_deg=180.0), (1.0, 1.0), plain((0.0, 0.0, 0.0)))
-    lamp["emitter"] = _glow(config.lamp_radiance, (1.0, 0.93, 0.82))
-    return {"ceiling": ceiling, "skylight": skylight, "lamp": lamp}
-
-
-def _glow(radiance: float, tone: tuple[float, float, float]) -> Node:
-    return {"type": "area", "radiance": {"type": "rgb", "value": [radiance * part for part in tone]}}
+    skylight = lamp((-0.4, 0.0, height_m - 0.01), (width_m / 2, depth_m / 2), config.skylight_radiance)
+    warm = lamp((1.2, 0.9, height_m - 0.02), (1.0, 1.0), config.lamp_radiance, (1.0, 0.93, 0.82))
+    return {"ceiling": ceiling, "skylight": skylight, "lamp": warm}
 
 
 def load_scene_file(path: Path) -> mi.Scene:

@@ -87,7 +87,7 @@ class RobotMotion:
         for begin_s, end_s in self.aperture_s:
             inside = (time_s > begin_s) & (time_s < end_s)
             offset = self.config.aperture.displacement((time_s[inside] - begin_s) / (end_s - begin_s))
-            T[inside, :3, 3] += (_level_axes(T[inside, :3, :3]) @ offset[:, :, None])[:, :, 0]
+            T[inside, :3, 3] += (level_axes(T[inside, :3, :3]) @ offset[:, :, None])[:, :, 0]
         return T
 
     def point(self, time_s: Float[NDArray, "q"], lever_body_m: Float[NDArray, "3"]) -> Float[NDArray, "q 3"]:
@@ -102,7 +102,7 @@ class RobotMotion:
         return np.sort(np.concatenate([grid[gap > 0.1 * tick_s], self.photo_time_s]))
 
 
-def _level_axes(R: Float[NDArray, "n 3 3"]) -> Float[NDArray, "n 3 3"]:
+def level_axes(R: Float[NDArray, "n 3 3"]) -> Float[NDArray, "n 3 3"]:
     """Horizontal forward, horizontal left and up of tilted bodies; left stays defined when looking down."""
     up = np.broadcast_to([0.0, 0.0, 1.0], R.shape[:-1])
     left = R[..., :, 1] * [1.0, 1.0, 0.0]

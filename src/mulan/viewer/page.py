@@ -91,6 +91,18 @@ class ViewerPage:
                 self._candidates = CandidateLayers(self._server.scene, contents.plan, self._scale_m)
                 self._candidates.show(self._candidates_wanted)
 
+    def show_mission(self) -> None:
+        """Read photographs, poses and covariances again: another process goes on localizing."""
+        images, contents = _read_images(self._run), read_run(self._run)
+        with self._lock, self._server.atomic():
+            if contents.localization:
+                self._mission = MissionLayers(self._server.scene, contents.localization)
+            self._photographs.remove()
+            self._photographs = PhotographLayers(self._server, images, self._scale_m)
+        if self._mission is not None:
+            self._layer_controls.lengthen(self._mission.span_s)
+        self._show_layers(self._layer_controls.choice(), *self._layer_controls.further())
+
     def refresh(self) -> None:
         """Bring the words beside the picture up to date; called now and then."""
         last = next((p for p in self.pictures.values() if p.last is not None), None)
@@ -119,38 +131,38 @@ class ViewerPage:
         server = self._server
         server.scene.set_up_direction("+z")
         mission = MissionLayers(server.scene, contents.localization) if contents.localization else None
-        photographs = PhotographLayers(server, images, self._scale_m)
+        self._mission, self._photographs = mission, PhotographLayers(server, images, self._scale_m)
         self._candidates = (
             CandidateLayers(server.scene, contents.plan, self._scale_m) if contents.plan else None
         )
-
-        def layers_changed(choice: LayerChoice, photos: bool, candidates: bool) -> None:
-            self._candidates_wanted = candidates
-            with self._lock, server.atomic():
-                if mission is not None:
-                    mission.show(choice)
-                photographs.show(photos, choice.until_s)
-                if self._candidates is not None:
-                    self._candidates.show(candidates)
 
         server.gui.configure_theme(dark_mode=False, show_logo=False)
         self._picture_controls = PictureControls(server.gui, self._show_quantity)
         self._training_controls = (
             TrainingControls(server.gui, self._engine) if isinstance(self._engine, TrainingEngine) else None
         )
-        controls = LayerControls(
+        self._layer_controls = LayerControls(
             server.gui,
             mission.span_s if mission else None,
             mission is not None and any(robot.truth is not None for robot in mission.robots),
             mission.exaggeration if mission else 1,
-            layers_changed,
+            self._show_layers,
         )
         names = contents.robots or sorted({image.robot_id or "camera" for image in images.train})
         self._goal_controls = GoalControls(server, names, goals, self._scale_m)
         add_figures(server.gui, contents.headline_metrics, contents.history)
         if contents.localization:
             add_radio(server.gui, contents.localization)
-        layers_changed(controls.choice(), True, True)
+        self._show_layers(self._layer_controls.choice(), True, True)
+
+    def _show_layers(self, choice: LayerChoice, photos: bool, candidates: bool) -> None:
+        self._candidates_wanted = candidates
+        with self._lock, self._server.atomic():
+            if self._mission is not None:
+                self._mission.show(choice)
+            self._photographs.show(photos, choice.until_s)
+            if self._candidates is not None:
+                self._candidates.show(candidates)
 
     def _show_quantity(self, quantity: Quantity) -> None:
         self._quantity = quantity

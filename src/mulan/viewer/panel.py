@@ -67,6 +67,20 @@ class LayerControls:
         if slider is not None:
             slider.on_update(tell)
 
+    def lengthen(self, span_s: tuple[float, float]) -> None:
+        """The mission has gone on; who looked at its end still does."""
+        if self._slider is None or self._span_s is None or span_s[1] <= self._span_s[1]:
+            return
+        at_end = self._slider.value >= self._span_s[1]
+        self._span_s = self._span_s[0], span_s[1]
+        self._slider.max = span_s[1]
+        if at_end:
+            self._slider.value = span_s[1]
+
+    def further(self) -> tuple[bool, bool]:
+        """Whether photographs and candidates are wanted."""
+        return self._boxes["photographs"].value, self._boxes["candidates"].value
+
     def choice(self) -> LayerChoice:
         """As the boxes stand."""
         on = {name: box.value for name, box in self._boxes.items()}

@@ -69,6 +69,12 @@ class PhotographLayers:
             self._go_there_on_click(server, image, handle)
             self._frusta.append((image, handle))
 
+    def remove(self) -> None:
+        """Take all of them out of the scene."""
+        for _, handle in self._frusta:
+            handle.remove()
+        self._frusta = []
+
     def show(self, visible: bool, until_s: float = np.inf) -> None:
         """Show the photographs taken by a time, or none."""
         for image, handle in self._frusta:

@@ -278,7 +278,11 @@ def bearing_of_aperture(
     return config.calibration.applied(bearing)
 
 
-def _sharpness(bearing: Bearing) -> float:
+OfAperture = Callable[[Aperture, RobotLog, float | None, BearingConfig], Bearing | None]
+"""Aperture, observer, range [m] to the peer if known, options: see :func:`bearing_of_aperture`."""
+
+
+def sharpness(bearing: Bearing) -> float:
     """Smaller is better: variance of the azimuth, distrust added."""
     return float(bearing.tangent_covariance[0, 0, 0]) / max(float(bearing.weight[0]), 1e-6) ** 4
 
@@ -287,6 +291,7 @@ def estimate_bearings(
     robots: Sequence[RobotLog],
     config: BearingConfig,
     progress: Callable[[int, int, str], None] | None = None,
+    of_aperture: OfAperture = bearing_of_aperture,
 ) -> list[Bearing]:
     """Every bearing of every pair, in both directions, in order of the observers' times.
 
@@ -294,6 +299,7 @@ def estimate_bearings(
         robots: The team.
         config: Options.
         progress: Called with (apertures done, apertures in all, "observer → peer").
+        of_aperture: Gives one aperture's bearing; another may remember what it gave before.
 
     Raises:
         InputError: A peer is no robot of the team, or a CSI track is dead or one-sided.
@@ -319,14 +325,14 @@ def estimate_bearings(
     for done, (observer, peer, aperture) in enumerate(work):
         if progress is not None:
             progress(done, len(work), f"{observer.name} → {peer.name}")
-        bearing = bearing_of_aperture(aperture, observer, range_during(observer, peer, aperture), config)
+        bearing = of_aperture(aperture, observer, range_during(observer, peer, aperture), config)
         if bearing is None:
             continue
         if config.keep_profile is KeepProfile.NONE:
             bearing = replace(bearing, profile=None)
         bearings.append(bearing)
     if config.keep_profile is KeepProfile.ONE and bearings:
-        best = min(range(len(bearings)), key=lambda i: _sharpness(bearings[i]))
+        best = min(range(len(bearings)), key=lambda i: sharpness(bearings[i]))
         bearings = [b if i == best else replace(b, profile=None) for i, b in enumerate(bearings)]
     if progress is not None and work:
         progress(len(work), len(work), "bearings done")

@@ -14,8 +14,15 @@ _COLOURS = {OURS: "#0b6e99", RANDOM: "#777777", FARTHEST: "#c9772b"}
 _OTHERS = ("#8e6bbf", "#4e9a51", "#c25b6e", "#a0863d", "#5b8fc2", "#b06fa8", "#6d8f8a", "#d39a9a", "#777733")
 
 
-def draw(metrics: dict[str, Any], titles: Mapping[str, str], path: Path) -> None:
-    """Write the picture as PNG."""
+def draw(metrics: dict[str, Any], titles: Mapping[str, str], path: Path, counted: str = "views") -> None:
+    """Write the picture as PNG.
+
+    Args:
+        metrics: See :func:`mulan.evaluation.view_selection.summary.summarise`.
+        titles: Of the policies.
+        path: Target.
+        counted: What the numbers count.
+    """
     policies = metrics["policies"]
     if not policies:
         return
@@ -28,7 +35,7 @@ def draw(metrics: dict[str, Any], titles: Mapping[str, str], path: Path) -> None
         width = 2.6 if name == OURS else 1.3
         curve.plot(range(len(counts)), mean, "o-", ms=4, lw=width, color=colours[name], label=titles[name])
     curve.set_xticks(range(len(counts)), counts)
-    curve.set(xlabel="views", ylabel="mean PSNR of the test views [dB]")
+    curve.set(xlabel=counted, ylabel="mean PSNR of the test views [dB]")
     curve.grid(alpha=0.25)
     curve.legend(fontsize=7, frameon=False)
     rows = [name for name in policies if name != RANDOM]
@@ -44,7 +51,7 @@ def draw(metrics: dict[str, Any], titles: Mapping[str, str], path: Path) -> None
             bars.errorbar(gain["mean"], at, xerr=error, fmt=marker, ms=5, capsize=3, color=colours[name])
     bars.axvline(0, color="#555", lw=0.8)
     bars.set_yticks(np.arange(len(rows)), [titles[name] for name in rows], fontsize=8)
-    marks = ", ".join(f"{'circle' if k == 0 else 'square'} {count} views" for k, count in enumerate(last))
+    marks = ", ".join(f"{'circle' if k == 0 else 'square'} {count} {counted}" for k, count in enumerate(last))
     bars.set(xlabel="PSNR above random [dB], paired, with 95 % interval", title=marks)
     bars.title.set_fontsize(9)
     bars.grid(alpha=0.25, axis="x")

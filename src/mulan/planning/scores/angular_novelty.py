@@ -30,11 +30,12 @@ class AngularNovelty(RayScore):
         centre = knowledge.grid.centre_m(seen.cell)
         towards = _unit(_tensor(candidate.position_m) - centre)
         novelty = torch.full((len(centre),), self.never_seen_rad)
-        for view, look in zip(knowledge.chosen, knowledge.chosen_looks, strict=True):
-            trust = look.trust_in_cells(knowledge.grid.cells)[seen.cell]
-            cosine = (towards * _unit(_tensor(view.position_m) - centre)).sum(-1)
+        if knowledge.chosen:
+            trust = knowledge.chosen_trust[:, seen.cell]
+            eyes = torch.stack([_tensor(view.position_m) for view in knowledge.chosen])
+            cosine = (towards * _unit(eyes[:, None] - centre)).sum(-1)
             angle_rad = torch.acos(cosine.clamp(-1, 1)).clamp_max(self.never_seen_rad)
-            novelty = torch.minimum(novelty, trust * angle_rad + (1 - trust) * self.never_seen_rad)
+            novelty = (trust * angle_rad + (1 - trust) * self.never_seen_rad).amin(0)
         return seen.per_ray(novelty)
 
 
@@ -42,5 +43,5 @@ def _tensor(point: np.ndarray) -> Float[Tensor, "3"]:
     return torch.tensor(point, dtype=torch.float32)
 
 
-def _unit(vector: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
+def _unit(vector: Float[Tensor, "*n 3"]) -> Float[Tensor, "*n 3"]:
     return vector / vector.norm(dim=-1, keepdim=True).clamp_min(1e-9)

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -18,7 +17,4 @@ class Coverage(RayScore):
     def information(self, knowledge: Knowledge, candidate: View) -> Float[Tensor, "r"]:
         """Shared by the rays that see the cell."""
         seen = knowledge.look(candidate)
-        count = torch.zeros(knowledge.grid.cells)
-        for look in knowledge.chosen_looks:
-            count += look.trust_in_cells(knowledge.grid.cells)
-        return seen.per_ray(1 / (1 + count[seen.cell]) ** 2)
+        return seen.per_ray(1 / (1 + knowledge.chosen_trust[:, seen.cell].sum(0)) ** 2)

@@ -27,7 +27,7 @@ def sentence(contents: RunContents) -> str:
             f"{radio} and {_count(contents.localization['ranges'], 'range')} placed them in one frame"
         )
     metrics = contents.headline_metrics
-    if "psnr_db" in metrics:
+    if metrics.get("psnr_db") is not None:
         views = f" on {_count(len(metrics['views']), 'held-out view')}" if metrics.get("views") else ""
         parts.append(f"the radiance field reaches {metrics['psnr_db']:.2f} dB PSNR{views}")
     if not parts:
@@ -41,9 +41,10 @@ def tiles(contents: RunContents) -> str:
     metrics = contents.headline_metrics
     headline = contents.headline_setup
     found: list[tuple[str, str, str, str]] = []
-    if "psnr_db" in metrics:
+    # a run without held-out views has none
+    if metrics.get("psnr_db") is not None:
         found.append(("PSNR", f"{metrics['psnr_db']:.2f}", "dB", _compared(contents, "psnr_db", "{:.2f}")))
-    if "ssim" in metrics:
+    if metrics.get("ssim") is not None:
         found.append(("SSIM", f"{metrics['ssim']:.3f}", "", _compared(contents, "ssim", "{:.3f}")))
     found += _pose_tiles(contents)
     if "train_seconds" in metrics:

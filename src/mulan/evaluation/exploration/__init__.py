@@ -1,0 +1,1 @@
+"""Robots that choose their own views: they move, photograph, measure, localize, learn and plan."""

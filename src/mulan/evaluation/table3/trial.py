@@ -1,0 +1,218 @@
+"""One policy on one seed: four times each robot takes one of eight moves, photographs, and is judged."""
+
+import hashlib
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import NDArray
+
+from mulan.evaluation.exploration.belief import TeamBelief, believed_images
+from mulan.evaluation.table3.policies import Policy
+from mulan.evaluation.view_selection.judgement import judge
+from mulan.geometry import se3
+from mulan.localization.accuracy import accuracy
+from mulan.localization.localize import LocalizationConfig
+from mulan.mission.posed_images import PosedImageSet
+from mulan.mission.run_folder import RunFolder, read_json, write_json
+from mulan.planning.candidates import CandidateConfig, ring_of_candidates
+from mulan.planning.knowledge import Knowledge
+from mulan.planning.pose_growth import DriftConfig, covariance_after_move
+from mulan.planning.radio_fix import RadioFixConfig, covariance_after_radio
+from mulan.planning.run_files import last_views, looked_at_m
+from mulan.planning.scores.score import Score
+from mulan.planning.team_plan import teammate
+from mulan.planning.team_run import EnsembleConfig, chosen_views, learnt_ensemble
+from mulan.planning.view import View
+from mulan.radiance.backend import Device
+from mulan.radiance.space import SceneSpace
+from mulan.reconstruction.captured_image import load_captured
+from mulan.reconstruction.learn_in_memory import learn_in_memory
+from mulan.reconstruction.scene_space import choose_space
+from mulan.reconstruction.train_config import TrainConfig
+from mulan.reconstruction.weights import UncertaintyWeights
+from mulan.simulation.course import Course
+from mulan.simulation.from_scene import SceneMissionConfig, held_out_cameras
+from mulan.simulation.recording import T_BODY_CAMERA, robot_names
+from mulan.simulation.team_in_world import TeamInWorld, TeamInWorldConfig
+from mulan.simulation.world import World
+from mulan.wireless.bearing import BearingConfig
+
+OBSERVATIONS = (1, 2, 3, 4)
+"""Photographs each robot adds, at each of which the field is learnt anew and judged."""
+
+
+@dataclass(frozen=True)
+class TrialConfig:
+    """The schedule: eight directions, half a metre, four observations (paper, Active Image Capturing)."""
+
+    scene: SceneMissionConfig = field(
+        default_factory=lambda: SceneMissionConfig(robots=2, width=96, height=72, held_out=16)
+    )
+    """The furnished room, the lens, the test views and the number of robots."""
+    first_photos: int = 3
+    """Photographs of each robot before the first choice."""
+    first_step_m: float = 0.3
+    """Distance between them."""
+    team: TeamInWorldConfig = field(default_factory=TeamInWorldConfig)
+    """What the robots are."""
+    candidates: CandidateConfig = field(default_factory=CandidateConfig)
+    """Eight moves of half a metre."""
+    drift: DriftConfig = field(default_factory=DriftConfig)
+    """What a candidate's covariance gains on the way."""
+    radio: RadioFixConfig = field(default_factory=RadioFixConfig)
+    """What it loses by the radio there."""
+    ensemble: EnsembleConfig = field(default_factory=EnsembleConfig)
+    """The small fields that plan."""
+    steps: int = 600
+    """Optimiser steps of the fields that are judged."""
+    batch_samples: int = 8192
+    """Field evaluations a step of theirs."""
+
+
+class Start:
+    """What all policies of a seed share: the world, the first photographs, and where the scene is.
+
+    Attributes:
+        team: Robots after their first photographs.
+        belief: What their radios said.
+        config: The schedule.
+        seed: Source of all randomness.
+    """
+
+    def __init__(self, world: World, seed: int, config: TrialConfig) -> None:
+        self.seed, self.config, self._world = seed, config, world
+
+    @cached_property
+    def _begun(self) -> tuple[TeamInWorld, TeamBelief]:
+        config = self.config
+        scene = replace(config.scene, seed=self.seed)
+        first = first_cameras(config, self._world.course, self.seed)
+        starts = {name: T[0] for name, T in first.items()}
+        team = TeamInWorld(self._world, scene.camera, starts, config.team, self.seed)
+        team.hold_out(held_out_cameras(scene))
+        belief = TeamBelief(LocalizationConfig(), BearingConfig())
+        belief.hear(team.tour(first))
+        return team, belief
+
+    def branch(self) -> tuple[TeamInWorld, TeamBelief]:
+        """The team after its first photographs, to go on with."""
+        team, belief = self._begun
+        return team.branch(), belief.branch()
+
+    def space(self, images: PosedImageSet) -> SceneSpace:
+        """Where the scene is, from the first photographs of each robot, the same for all policies."""
+        first = [
+            [image for image in images.train if image.robot_id == name][: self.config.first_photos]
+            for name in robot_names(self.config.scene.robots, "table3")
+        ]
+        return choose_space(load_captured([image for own in first for image in own], 32))
+
+
+def first_cameras(config: TrialConfig, course: Course, seed: int) -> dict[str, Float[NDArray, "n 4 4"]]:
+    """Where each robot photographs before it chooses: a short arc, somewhere on the course."""
+    rng = np.random.default_rng([seed, 21])
+    names = robot_names(config.scene.robots, "table3")
+    first = {}
+    turn = rng.random()
+    for index, name in enumerate(names):
+        # about the middle of the ring, where a turn is some 12 m long
+        step = config.first_step_m / 12.5
+        along = turn + (index + rng.uniform(-0.15, 0.15)) / len(names) + step * np.arange(config.first_photos)
+        n = len(along)
+        outward, upward = np.full(n, rng.uniform(0.3, 0.7)), np.full(n, rng.uniform(0.3, 0.7))
+        first[name] = course.cameras(along, outward, upward, np.zeros((n, 3)))
+    return first
+
+
+def made_from(policy: Policy, start: Start) -> str:
+    """A digest of everything a trial's figures depend on."""
+    text = f"{policy.score(start.seed)} {start.seed} {start.config}"
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def finished_trial(digest: str, policy: Policy, run: RunFolder) -> dict[str, Any] | None:
+    """Figures of a trial finished earlier from the same, or None."""
+    path = run.root / f"{policy.name}.json"
+    if not path.exists():
+        return None
+    figures = read_json(path, "mulan evaluate table3")
+    return figures if figures.get("made_from") == digest else None
+
+
+def run_trial(policy: Policy, start: Start, digest: str, run: RunFolder) -> dict[str, Any]:
+    """Move, photograph, measure, localize, learn, judge, choose: four times.
+
+    Returns:
+        What it writes to ``<policy>.json`` in the seed's folder: ``observations`` (by number: ``psnr_db``
+        and ``camera_rms_m`` of the poses believed), ``plan_ms`` a candidate (None: not measured here),
+        ``made_from``.
+    """
+    config, score = start.config, policy.score(start.seed)
+    team, belief = start.branch()
+    folder = RunFolder(run.root / policy.name)
+    observations: dict[str, Any] = {}
+    images = believed_images(team.mission, belief.localize(team.mission), folder)
+    space = start.space(images)
+    for number in OBSERVATIONS:
+        goals = _choose(score, team, images, space, config)
+        belief.hear(team.go(goals))
+        localization = belief.localize(team.mission)
+        images = believed_images(team.mission, localization, folder)
+        figures = accuracy(localization, team.mission) or {}
+        square = [one.position_rms_m**2 for one in figures.values()]
+        observations[str(number)] = {
+            "psnr_db": _psnr_db(images, space, start.seed, config),
+            "camera_rms_m": float(np.sqrt(np.mean(square))),
+            "goals": {name: goal is not None for name, goal in goals.items()},
+        }
+    result = {"observations": observations, "plan_ms": None, "made_from": digest}
+    write_json(run.root / f"{policy.name}.json", result)
+    return result
+
+
+def _choose(
+    score: Score, team: TeamInWorld, images: PosedImageSet, space: SceneSpace, config: TrialConfig
+) -> dict[str, Float[NDArray, "4 4"] | None]:
+    """True goal of each robot, one after another, each knowing what those before it will see."""
+    photographs = load_captured(images.train, config.ensemble.image_size)
+    needed = score.fields_needed
+    ensemble = replace(config.ensemble, members=max(needed, 2))
+    fields = learnt_ensemble(photographs, space, ensemble)[:needed] if needed else []
+    knowledge = Knowledge(fields, space, chosen_views(images))
+    robots, centre_m = last_views(images), looked_at_m(images)
+    goals: dict[str, Float[NDArray, "4 4"] | None] = {}
+    for robot in robots:
+        T_true_believed = team.T_world_body[robot.robot] @ T_BODY_CAMERA @ se3.inverse(robot.T_world_camera)
+        ring = ring_of_candidates(robot.T_world_camera, centre_m, config.candidates)
+        free = [T for T in ring if team.can_go(robot.robot, T_true_believed @ T, goals)]
+        if not free:
+            goals[robot.robot] = None
+            continue
+        mates = [teammate(other) for other in robots if other is not robot]
+        covariance = covariance_after_radio(
+            np.stack(free),
+            covariance_after_move(robot.T_world_camera, robot.covariance, np.stack(free), config.drift),
+            mates,
+            config.radio,
+        )
+        views = [View(robot.camera, T, cov) for T, cov in zip(free, covariance, strict=True)]
+        best = int(np.argmax(score(knowledge, views)))
+        goals[robot.robot] = T_true_believed @ free[best]
+        knowledge = knowledge.with_chosen(views[best])
+    return goals
+
+
+def _psnr_db(images: PosedImageSet, space: SceneSpace, seed: int, config: TrialConfig) -> float:
+    side = max(config.scene.width, config.scene.height)
+    training = TrainConfig(
+        image_size=side,
+        steps=config.steps,
+        batch_samples=config.batch_samples,
+        device=Device.CPU,
+        seed=seed,
+    )
+    field_ = learn_in_memory(load_captured(images.train, side), UncertaintyWeights(), space, training)
+    return judge([field_], load_captured(images.test, side))["psnr_db"]
