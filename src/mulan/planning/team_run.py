@@ -119,7 +119,8 @@ def plan_team_images(
         progress(0, len(robots), "small fields learn")
     photographs = load_captured(images.train, ensemble.image_size)
     engine, space = trained or (None, choose_space(photographs))
-    fields = learnt_ensemble(photographs, space, ensemble) or ([engine] if engine is not None else [])
+    fields = learnt_ensemble(photographs, space, ensemble) if ensemble.members > 1 else []
+    fields = fields or ([engine] if engine is not None else [])
     if not fields:
         raise ValueError("planning needs a trained field or an ensemble of at least two")
     knowledge = Knowledge(fields, space, chosen_views(images), looks)
@@ -143,9 +144,7 @@ def chosen_views(images: PosedImageSet) -> list[View]:
 def learnt_ensemble(
     photographs: Sequence[CapturedImage], space: SceneSpace, config: EnsembleConfig
 ) -> list[RadianceEngine]:
-    """Small fields of the photographs, each from its own start; none below two members."""
-    if config.members < 2:
-        return []
+    """Small fields of the photographs, each from its own start."""
     march = choose_march(config.image_size, space.unbounded)
     training = TrainConfig(
         image_size=config.image_size,

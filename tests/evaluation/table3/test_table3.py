@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from mulan.errors import InputError
+from mulan.evaluation.table3.moves import MoveConfig
 from mulan.evaluation.table3.protocol import PICTURE, Table3Config, table3
 from mulan.evaluation.table3.trial import TrialConfig, first_cameras
 from mulan.mission.run_folder import RunFolder, read_json
@@ -22,7 +23,7 @@ def config(tmp_path: Path) -> Table3Config:
     trial = TrialConfig(
         scene=SceneMissionConfig(robots=2, width=24, height=18, held_out=2, scene_file=scene),
         team=TEAM,
-        ensemble=EnsembleConfig(members=2, steps=3, image_size=24),
+        moves=MoveConfig(ensemble=EnsembleConfig(members=2, steps=3, image_size=24)),
         steps=3,
         batch_samples=512,
     )
