@@ -16,15 +16,16 @@ def test_one_command_goes_from_the_first_photograph_to_the_report_and_the_video(
     words = (
         f"--active --out {out} --scene {scene} --robots 2 --steps 1 --first-photos 3 --width 24 --height 18"
     )
-    words += " --samples-per-pixel 1 --held-out 1 --time-budget 0.5 --frames 2 --free-space.places 4"
-    words += " --ensemble.members 2 --ensemble.steps 3 --lose beta@2"
+    words += " --samples-per-pixel 1 --held-out 1 --time-budget 0.5 --frames 2"
+    words += " --free-space.places 4 --ensemble.members 2 --ensemble.steps 3 --lose beta@1"
     assert simulate.main(words.split()) == 0
     run = RunFolder(out)
-    assert len(read_json(run.root / "steps.json", "test")["steps"]) == 1
+    steps = read_json(run.root / "steps.json", "test")["steps"]
+    assert [step["lost"] for step in steps] == ["beta"]
     assert run.report.stat().st_size > 10_000
     assert (run.root / "video.mp4").stat().st_size > 500
     mission = read_mission(run.root / "mission.mcap")
-    assert [len(robot.photos) for robot in mission.robots] in ([4, 4], [4, 3], [3, 4])
+    assert [len(robot.photos) for robot in mission.robots] in ([4, 3], [3, 3])
 
 
 @pytest.mark.parametrize("word", ["beta", "beta@", "beta@0", "@3x"])
