@@ -1,5 +1,6 @@
 """A team's next views on a run folder: the run's photographs teach small fields, their disagreement plans."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -27,6 +28,8 @@ SMALL_FIELD = FieldConfig(log2_table_size=14, finest_resolution=64, harmonics_de
 """Sizes of a field that is learnt in a second to plan with."""
 _TEAM_FIELD = FieldConfig(levels=5, log2_table_size=14, finest_resolution=64, harmonics_degree=1)
 _FEW_STEPS = 64  # along a ray; finer ones see the same cells, and learn no better in so short a time
+# a robot placed badly would else be left out altogether, and what it saw be planned for again
+_WEIGHTS = UncertaintyWeights(most_sigma_px=math.inf)
 TEAM_LOOKS = LookConfig(columns=16, chosen_columns=32, certainty_columns=6)
 """Rays enough to tell candidates apart: two robots' 160 are judged in two seconds on one core."""
 
@@ -155,6 +158,6 @@ def learnt_ensemble(
         march=replace(march, steps=_FEW_STEPS, occupancy_resolution=32),
     )
     return [
-        learn_in_memory(photographs, UncertaintyWeights(), space, replace(training, seed=member))
+        learn_in_memory(photographs, _WEIGHTS, space, replace(training, seed=member))
         for member in range(config.members)
     ]
