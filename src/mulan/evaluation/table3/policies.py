@@ -11,9 +11,9 @@ from mulan.planning.knowledge import Knowledge
 from mulan.planning.score import LiteralPosterior
 from mulan.planning.scores.angular_novelty import AngularNovelty
 from mulan.planning.scores.coverage import Coverage
-from mulan.planning.scores.ensemble import EnsembleVariance
 from mulan.planning.scores.farthest_point import FarthestPoint
 from mulan.planning.scores.random_order import RandomOrder
+from mulan.planning.scores.rank_sum import default_score
 from mulan.planning.scores.score import RayScore, Score
 from mulan.planning.scores.variance_posterior import VariancePosterior
 from mulan.planning.ways import Way, worth_of_ways
@@ -108,18 +108,13 @@ POLICIES = (
         "learned variance, as printed",
         lambda _: OneMove(VariancePosterior(LiteralPosterior())),
     ),
+    Policy("ours", "ours", lambda _: OneMove(AngularNovelty())),
+    Policy("ours-ensemble", "ours with an ensemble", lambda _: OneMove(default_score()), published=False),
     Policy(
-        "ours-one-move",
-        "ours, one move ahead",
-        lambda _: OneMove(AngularNovelty()),
-        published=False,
-    ),
-    Policy(
-        "ours-directions",
-        "ours, new directions only",
+        "ours-straight-on",
+        "ours, straight on",
         lambda _: StraightOn((AngularNovelty(),)),
         published=False,
     ),
-    Policy("ours", "ours", lambda _: StraightOn((AngularNovelty(), EnsembleVariance()))),
 )
 TITLES = {policy.name: policy.title for policy in POLICIES}
