@@ -11,6 +11,7 @@ from mulan.planning.scores.coverage import Coverage
 from mulan.planning.team import TeamConfig
 from mulan.planning.team_plan import TeamPlanConfig, plan_team
 from mulan.planning.view import View
+from mulan.planning.ways import worth_of_ways
 
 from .analytic_engine import BallEngine
 from .test_scores import CAMERA, MEMBERS, knowing, view
@@ -94,3 +95,24 @@ def test_a_closer_look_never_loses_worth():
     )
     assert len(refined.score) > len(plain.score)
     assert refined.score[refined.best] >= plain.score[plain.best] - 1e-6
+
+
+def test_with_headings_a_robot_also_turns_on_the_spot():
+    config = TeamPlanConfig(free_space=FreeSpaceConfig(places=8), headings=4, refinements=1)
+    one = robot("a", 0)
+    plan = plan_team(knowing(view(0), fields=MEMBERS), BallEngine(), [one], np.zeros(3), config).robots[0]
+    here = one.T_world_camera[:3, 3]
+    still = np.linalg.norm(plan.T_world_candidate[:, :3, 3] - here, axis=1) < 1e-9
+    assert still.sum() == 4
+    np.testing.assert_allclose(plan.T_world_candidate[still][:, 2, 1], 1, atol=1e-9)  # level
+    ahead = -plan.T_world_candidate[still][:, :2, 2]
+    np.testing.assert_allclose(ahead @ ahead[0], [1, 0, -1, 0], atol=1e-9)
+
+
+def test_a_way_counts_every_cell_once_and_is_worth_at_least_its_best_view():
+    knowledge, scores = knowing(view(0), fields=MEMBERS), (AngularNovelty(),)
+    near, far = view(40), view(80)
+    alone = worth_of_ways(knowledge, [[near], [far], [near, far], [far, far]], scores)
+    assert alone[2] >= alone[:2].max()
+    assert alone[3] == pytest.approx(alone[1])
+    assert alone[2] < alone[0] + alone[1]

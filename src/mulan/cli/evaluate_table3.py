@@ -27,8 +27,8 @@ class Options:
     first_seed: int = 0
     """Seed of the first repetition; options are tried out on 1000 and above."""
     policies: str = ""
-    """Policies to compare, separated by commas; all if empty. Those finished earlier with the same options
-    are shown too."""
+    """Policies to compare, separated by commas; the five published if empty. Those finished earlier with the
+    same options are shown too."""
     steps: int = 600
     """Optimiser steps of each field that is judged."""
 

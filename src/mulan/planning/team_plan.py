@@ -210,7 +210,7 @@ def _looking(
     return np.array([look_at(place, centre_m, right) for place in places_m]).reshape(-1, 4, 4)
 
 
-def _turning(places_m: Float[NDArray, "n 3"], headings: int) -> Float[NDArray, "n*k 4 4"]:
+def _turning(places_m: Float[NDArray, "n 3"], headings: int) -> Float[NDArray, "views 4 4"]:
     """Level views all around from each place."""
     yaw_rad = 2 * np.pi * np.arange(headings) / headings
     ahead = np.stack([np.cos(yaw_rad), np.sin(yaw_rad), np.zeros(headings)], -1)

@@ -1,5 +1,6 @@
 """A team's next views on a run folder: the run's photographs teach small fields, their disagreement plans."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -27,6 +28,8 @@ SMALL_FIELD = FieldConfig(log2_table_size=14, finest_resolution=64, harmonics_de
 """Sizes of a field that is learnt in a second to plan with."""
 _TEAM_FIELD = FieldConfig(levels=5, log2_table_size=14, finest_resolution=64, harmonics_degree=1)
 _FEW_STEPS = 64  # along a ray; finer ones see the same cells, and learn no better in so short a time
+# a robot placed badly would else be left out altogether, and what it saw be planned for again
+_WEIGHTS = UncertaintyWeights(most_sigma_px=math.inf)
 TEAM_LOOKS = LookConfig(columns=16, chosen_columns=32, certainty_columns=6)
 """Rays enough to tell candidates apart: two robots' 160 are judged in two seconds on one core."""
 
@@ -119,7 +122,8 @@ def plan_team_images(
         progress(0, len(robots), "small fields learn")
     photographs = load_captured(images.train, ensemble.image_size)
     engine, space = trained or (None, choose_space(photographs))
-    fields = learnt_ensemble(photographs, space, ensemble) or ([engine] if engine is not None else [])
+    fields = learnt_ensemble(photographs, space, ensemble) if ensemble.members > 1 else []
+    fields = fields or ([engine] if engine is not None else [])
     if not fields:
         raise ValueError("planning needs a trained field or an ensemble of at least two")
     knowledge = Knowledge(fields, space, chosen_views(images), looks)
@@ -143,9 +147,7 @@ def chosen_views(images: PosedImageSet) -> list[View]:
 def learnt_ensemble(
     photographs: Sequence[CapturedImage], space: SceneSpace, config: EnsembleConfig
 ) -> list[RadianceEngine]:
-    """Small fields of the photographs, each from its own start; none below two members."""
-    if config.members < 2:
-        return []
+    """Small fields of the photographs, each from its own start."""
     march = choose_march(config.image_size, space.unbounded)
     training = TrainConfig(
         image_size=config.image_size,
@@ -156,6 +158,6 @@ def learnt_ensemble(
         march=replace(march, steps=_FEW_STEPS, occupancy_resolution=32),
     )
     return [
-        learn_in_memory(photographs, UncertaintyWeights(), space, replace(training, seed=member))
+        learn_in_memory(photographs, _WEIGHTS, space, replace(training, seed=member))
         for member in range(config.members)
     ]

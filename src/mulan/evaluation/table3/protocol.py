@@ -35,7 +35,7 @@ class Table3Config:
     first_seed: int = 0
     """Seed of the first repetition. 0 to 9 are published; options are tried out on 1000 and above."""
     policies: tuple[str, ...] = ()
-    """Names of the policies; all if empty."""
+    """Names of the policies; the published ones if empty."""
     trial: TrialConfig = field(default_factory=TrialConfig)
     """The schedule."""
 
@@ -115,4 +115,6 @@ def _chosen(config: Table3Config) -> Sequence[Policy]:
             )
     if config.seeds < 1:
         raise InputError("--seeds", "value", f"{config.seeds} is below one", "give one or more")
-    return [policy for policy in POLICIES if not config.policies or policy.name in config.policies]
+    if config.policies:
+        return [policy for policy in POLICIES if policy.name in config.policies]
+    return [policy for policy in POLICIES if policy.published]

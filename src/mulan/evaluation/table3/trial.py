@@ -1,6 +1,7 @@
 """One policy on one seed: four times each robot takes one of eight moves, photographs, and is judged."""
 
 import hashlib
+import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -10,35 +11,32 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 
 from mulan.evaluation.exploration.belief import TeamBelief, believed_images
+from mulan.evaluation.table3.moves import MoveConfig, choose_moves
 from mulan.evaluation.table3.policies import Policy
 from mulan.evaluation.view_selection.judgement import judge
-from mulan.geometry import se3
 from mulan.localization.accuracy import accuracy
 from mulan.localization.localize import LocalizationConfig
 from mulan.mission.posed_images import PosedImageSet
 from mulan.mission.run_folder import RunFolder, read_json, write_json
-from mulan.planning.candidates import CandidateConfig, ring_of_candidates
-from mulan.planning.knowledge import Knowledge
-from mulan.planning.pose_growth import DriftConfig, covariance_after_move
-from mulan.planning.radio_fix import RadioFixConfig, covariance_after_radio
-from mulan.planning.run_files import last_views, looked_at_m
-from mulan.planning.scores.score import Score
-from mulan.planning.team_plan import teammate
-from mulan.planning.team_run import EnsembleConfig, chosen_views, learnt_ensemble
-from mulan.planning.view import View
+from mulan.planning.run_files import last_views
 from mulan.radiance.backend import Device
 from mulan.radiance.space import SceneSpace
 from mulan.reconstruction.captured_image import load_captured
+from mulan.reconstruction.field_choice import choose_march
 from mulan.reconstruction.learn_in_memory import learn_in_memory
 from mulan.reconstruction.scene_space import choose_space
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.weights import UncertaintyWeights
 from mulan.simulation.course import Course
 from mulan.simulation.from_scene import SceneMissionConfig, held_out_cameras
-from mulan.simulation.recording import T_BODY_CAMERA, robot_names
+from mulan.simulation.recording import robot_names
 from mulan.simulation.team_in_world import TeamInWorld, TeamInWorldConfig
 from mulan.simulation.world import World
 from mulan.wireless.bearing import BearingConfig
+
+# no photograph is left out for its pose: with a handful, every one is needed, and rules would differ by that
+_WEIGHTS = UncertaintyWeights(most_sigma_px=math.inf)
+_RAY_STEPS = 128  # half of what a long training takes; as good in a short one, in less time
 
 OBSERVATIONS = (1, 2, 3, 4)
 """Photographs each robot adds, at each of which the field is learnt anew and judged."""
@@ -58,14 +56,8 @@ class TrialConfig:
     """Distance between them."""
     team: TeamInWorldConfig = field(default_factory=TeamInWorldConfig)
     """What the robots are."""
-    candidates: CandidateConfig = field(default_factory=CandidateConfig)
-    """Eight moves of half a metre."""
-    drift: DriftConfig = field(default_factory=DriftConfig)
-    """What a candidate's covariance gains on the way."""
-    radio: RadioFixConfig = field(default_factory=RadioFixConfig)
-    """What it loses by the radio there."""
-    ensemble: EnsembleConfig = field(default_factory=EnsembleConfig)
-    """The small fields that plan."""
+    moves: MoveConfig = field(default_factory=MoveConfig)
+    """Eight moves of half a metre, and what is known when one is chosen."""
     steps: int = 600
     """Optimiser steps of the fields that are judged."""
     batch_samples: int = 8192
@@ -129,7 +121,7 @@ def first_cameras(config: TrialConfig, course: Course, seed: int) -> dict[str, F
 
 def made_from(policy: Policy, start: Start) -> str:
     """A digest of everything a trial's figures depend on."""
-    text = f"{policy.score(start.seed)} {start.seed} {start.config}"
+    text = f"{policy.rule(start.seed)} {start.seed} {start.config}"
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
@@ -146,18 +138,18 @@ def run_trial(policy: Policy, start: Start, digest: str, run: RunFolder) -> dict
     """Move, photograph, measure, localize, learn, judge, choose: four times.
 
     Returns:
-        What it writes to ``<policy>.json`` in the seed's folder: ``observations`` (by number: ``psnr_db``
-        and ``camera_rms_m`` of the poses believed), ``plan_ms`` a candidate (None: not measured here),
-        ``made_from``.
+        What it writes to ``<policy>.json`` in the seed's folder: ``observations`` (by number: ``psnr_db``,
+        ``camera_rms_m`` of the poses believed, whether each robot ``moved`` and its ``position_m``),
+        ``plan_ms`` a candidate (None: not measured here), ``made_from``.
     """
-    config, score = start.config, policy.score(start.seed)
+    config, rule = start.config, policy.rule(start.seed)
     team, belief = start.branch()
     folder = RunFolder(run.root / policy.name)
     observations: dict[str, Any] = {}
     images = believed_images(team.mission, belief.localize(team.mission), folder)
     space = start.space(images)
     for number in OBSERVATIONS:
-        goals = _choose(score, team, images, space, config)
+        goals = choose_moves(rule, team, images, space, OBSERVATIONS[-1] - number + 1, config.moves)
         belief.hear(team.go(goals))
         localization = belief.localize(team.mission)
         images = believed_images(team.mission, localization, folder)
@@ -166,43 +158,12 @@ def run_trial(policy: Policy, start: Start, digest: str, run: RunFolder) -> dict
         observations[str(number)] = {
             "psnr_db": _psnr_db(images, space, start.seed, config),
             "camera_rms_m": float(np.sqrt(np.mean(square))),
-            "goals": {name: goal is not None for name, goal in goals.items()},
+            "moved": {name: goal is not None for name, goal in goals.items()},
+            "position_m": {robot.robot: robot.T_world_camera[:3, 3].tolist() for robot in last_views(images)},
         }
     result = {"observations": observations, "plan_ms": None, "made_from": digest}
     write_json(run.root / f"{policy.name}.json", result)
     return result
-
-
-def _choose(
-    score: Score, team: TeamInWorld, images: PosedImageSet, space: SceneSpace, config: TrialConfig
-) -> dict[str, Float[NDArray, "4 4"] | None]:
-    """True goal of each robot, one after another, each knowing what those before it will see."""
-    photographs = load_captured(images.train, config.ensemble.image_size)
-    needed = score.fields_needed
-    ensemble = replace(config.ensemble, members=max(needed, 2))
-    fields = learnt_ensemble(photographs, space, ensemble)[:needed] if needed else []
-    knowledge = Knowledge(fields, space, chosen_views(images))
-    robots, centre_m = last_views(images), looked_at_m(images)
-    goals: dict[str, Float[NDArray, "4 4"] | None] = {}
-    for robot in robots:
-        T_true_believed = team.T_world_body[robot.robot] @ T_BODY_CAMERA @ se3.inverse(robot.T_world_camera)
-        ring = ring_of_candidates(robot.T_world_camera, centre_m, config.candidates)
-        free = [T for T in ring if team.can_go(robot.robot, T_true_believed @ T, goals)]
-        if not free:
-            goals[robot.robot] = None
-            continue
-        mates = [teammate(other) for other in robots if other is not robot]
-        covariance = covariance_after_radio(
-            np.stack(free),
-            covariance_after_move(robot.T_world_camera, robot.covariance, np.stack(free), config.drift),
-            mates,
-            config.radio,
-        )
-        views = [View(robot.camera, T, cov) for T, cov in zip(free, covariance, strict=True)]
-        best = int(np.argmax(score(knowledge, views)))
-        goals[robot.robot] = T_true_believed @ free[best]
-        knowledge = knowledge.with_chosen(views[best])
-    return goals
 
 
 def _psnr_db(images: PosedImageSet, space: SceneSpace, seed: int, config: TrialConfig) -> float:
@@ -213,6 +174,7 @@ def _psnr_db(images: PosedImageSet, space: SceneSpace, seed: int, config: TrialC
         batch_samples=config.batch_samples,
         device=Device.CPU,
         seed=seed,
+        march=replace(choose_march(side, space.unbounded), steps=_RAY_STEPS),
     )
-    field_ = learn_in_memory(load_captured(images.train, side), UncertaintyWeights(), space, training)
+    field_ = learn_in_memory(load_captured(images.train, side), _WEIGHTS, space, training)
     return judge([field_], load_captured(images.test, side))["psnr_db"]
