@@ -170,7 +170,7 @@ class _Found:
         self.T_world_candidate = np.concatenate([self.T_world_candidate, T])
         self.travel_m = np.append(self.travel_m, np.full(len(T), self.travel_m[pick] + step_m))
         self.covariance = np.concatenate([self.covariance, covariance])
-        self.worth = vstack([self.worth, worth.of(_views(self.robot, T, covariance))], format="csr")
+        self.worth = csr_array(vstack([self.worth, worth.of(_views(self.robot, T, covariance))]))
 
 
 def _choose(
