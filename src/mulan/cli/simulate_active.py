@@ -12,6 +12,7 @@ from mulan.cli.localize import print_accuracy, print_verdict
 from mulan.cli.progress import console, progress_bar
 from mulan.cli.train import train_run
 from mulan.errors import InputError
+from mulan.export.extras import extra_module
 from mulan.export.video import VideoConfig, export_video
 from mulan.localization.accuracy import accuracy
 from mulan.localization.run_files import write_localization
@@ -138,6 +139,10 @@ def main(arguments: Sequence[str]) -> int:
     """Explore, learn, report, film."""
     options = tyro.cli(Options, args=arguments, prog="mulan simulate --active")
     run = RunFolder(options.out)
+    _lost(options.lose)
+    if options.frames > 0:
+        # better told now than after the mission
+        extra_module("imageio_ffmpeg", "imageio-ffmpeg", "the video (--frames 0 makes none)")
     explore(options, run)
     run.record_config("simulate --active", asdict(options))
     images = read_transforms(run.transforms)
