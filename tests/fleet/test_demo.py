@@ -1,5 +1,6 @@
 """The whole fleet as a person runs it: world, robots, base station, learner and page as processes."""
 
+import os
 from pathlib import Path
 from urllib.request import urlopen
 
@@ -19,6 +20,10 @@ LEARNER = (
 )
 
 
+@pytest.mark.skipif(
+    "MULAN_LONG_TESTS" not in os.environ,
+    reason="takes minutes of an idle machine; set MULAN_LONG_TESTS to run it",
+)
 def test_three_simulated_robots_are_reconstructed_while_they_drive(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 
 from mulan.geometry import se3, so3
@@ -12,7 +14,7 @@ def test_a_goal_faces_what_its_camera_would_see_and_survives_the_wire():
     goal = goal_message(look_at(EYE, SEEN, np.array([0.0, 1.0, 0.0])), "alpha/odom")
     store = typestore()
     wire = store.serialize_cdr(goal, GOAL.msgtype)
-    back = store.deserialize_cdr(wire, GOAL.msgtype)
+    back: Any = store.deserialize_cdr(wire, GOAL.msgtype)
     turn = back.pose.orientation
     R = so3.from_quaternion(np.array([[turn.x, turn.y, turn.z, turn.w]]))[0]
     ahead = (SEEN - EYE) / np.linalg.norm(SEEN - EYE)
