@@ -1,7 +1,7 @@
 """``mulan fleet soak``: a fleet on loopback through loss, jitter and kills."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import tyro
@@ -9,7 +9,7 @@ from rich.table import Table
 
 from mulan.cli.progress import console
 from mulan.fleet.soak import SoakConfig, soak
-from mulan.mission.bag_writer import write_mission
+from mulan.fleet.soak_mission import SoakMissionConfig, simulate_soak_mission
 
 
 @dataclass(frozen=True)
@@ -20,8 +20,13 @@ class Options:
     """Folder to write; metrics.json lies in it."""
     bag: Path | None = None
     """Mission the robots replay; without it three simulated robots in a rendered room."""
+    simulated: SoakMissionConfig = field(default_factory=SoakMissionConfig)
+    """The mission, where no bag is given."""
     minutes: float = SoakConfig.minutes
-    """How long; the bag is replayed in 85 % of it, slower or faster than it was recorded."""
+    """How long."""
+    recorded_share: float = SoakConfig.recorded_share
+    """The bag is replayed in this share of it, slower or faster than recorded (a simulated one lasts as long);
+    what was missed is sent in the rest."""
     loss: float = SoakConfig.loss
     """Messages lost, each way."""
     jitter_s: float = SoakConfig.jitter_s
@@ -29,26 +34,15 @@ class Options:
     duplicate: float = SoakConfig.duplicate
     """Messages that come twice."""
     robot_away_s: float = SoakConfig.robot_away_s
-    """The second robot is killed for this long, or a sixth of the test if that is shorter."""
+    """The second robot is killed for this long, or a sixth of the test if that is shorter; 0 leaves it be."""
     base_kills: int = SoakConfig.base_kills
     """How often the base station is killed."""
     localize: bool = True
     """Localize from the received bag and from the undisturbed one, and compare."""
+    instants: int = SoakConfig.instants
+    """Localize also from what had come by so many instants, evenly spread."""
     seed: int = 0
     """Source of all randomness."""
-
-
-def simulated_bag(folder: Path, seed: int) -> Path:
-    """The mission of three robots in the built-in room, with small photographs."""
-    from mulan.simulation.from_scene import SceneMissionConfig, simulate_from_scene
-
-    bag = folder / "undisturbed.mcap"
-    if not bag.exists():
-        config = SceneMissionConfig(
-            robots=3, photos_per_robot=16, held_out=0, width=96, height=72, samples_per_pixel=8, seed=seed
-        )
-        write_mission(simulate_from_scene(config), bag)
-    return bag
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -56,10 +50,13 @@ def main(arguments: Sequence[str]) -> int:
     options = tyro.cli(Options, args=arguments, prog="mulan fleet soak")
     bag = options.bag
     if bag is None:
-        console.print("Photographing the room")
-        options.out.mkdir(parents=True, exist_ok=True)
-        bag = simulated_bag(options.out, options.seed)
-    chosen = {f.name: getattr(options, f.name) for f in fields(options) if f.name != "bag"}
+        bag = options.out / "undisturbed.mcap"
+        if not bag.exists():
+            console.print("Photographing the room")
+            options.out.mkdir(parents=True, exist_ok=True)
+            duration_s = 60 * options.minutes * options.recorded_share
+            simulate_soak_mission(options.simulated, duration_s, options.seed, bag)
+    chosen = {f.name: getattr(options, f.name) for f in fields(SoakConfig) if f.name != "bag"}
     metrics = soak(SoakConfig(bag=bag, **chosen), lambda text: console.print(f"[dim]{text}[/]"))
     table = Table(box=None, show_header=False, padding=(0, 2))
     for name, value in metrics["messages"].items():
@@ -68,6 +65,8 @@ def main(arguments: Sequence[str]) -> int:
         table.add_row(f"restarts of {who}", str(count))
     for pair, value in metrics["coordination_bytes_per_mission_s_and_pair"].items():
         table.add_row(f"coordination {pair}", f"{value / 1e3:.2f} kB/s")
+    for importance, lag in metrics["lag_s"].items():
+        table.add_row(f"lag of {importance}", f"{lag['median']:.2f} s median, {lag['largest']:.0f} s at most")
     console.print(table)
     console.print(f"Metrics: [bold]{options.out / 'metrics.json'}[/]")
     return 0 if metrics["messages"]["lost"] == 0 else 1

@@ -1,7 +1,7 @@
 """What the base station answers: what it holds, what it refused, and its clock."""
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from mulan.fleet.envelope import MAGIC, PROTOCOL_VERSION, EnvelopeError
@@ -60,6 +60,18 @@ class Acknowledgement:
         return b"".join(
             [head, *(_RANGE.pack(*r) for r in beyond), *(_REFUSED.pack(n, why) for n, why in refused)]
         )
+
+
+def worth_telling(beyond: Sequence[tuple[int, int]], recent: Collection[int]) -> Sequence[tuple[int, int]]:
+    """As many ranges as one answer holds: of too many the first ones, and what came last.
+
+    Over a link that loses nearly everything gaps are many, and what a robot does not know yet lies anywhere.
+    """
+    if len(beyond) <= MOST_RANGES:
+        return beyond
+    latest = sorted(recent)[-MOST_RANGES // 2 :]
+    first = beyond[: MOST_RANGES - len(latest)]
+    return [*first, *((n, n) for n in latest if n > first[-1][1])]
 
 
 def decode(payload: bytes) -> Acknowledgement:

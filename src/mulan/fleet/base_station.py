@@ -12,9 +12,10 @@ from typing import Any
 import zenoh
 from rosbags.typesys.stores import ros2_jazzy as ros
 
-from mulan.fleet.acknowledgement import Acknowledgement
+from mulan.fleet.acknowledgement import Acknowledgement, worth_telling
 from mulan.fleet.clock_offset import ClockOffset
 from mulan.fleet.clock_record import recorded_offset
+from mulan.fleet.envelope import Envelope
 from mulan.fleet.inbox import Inbox, Received
 from mulan.fleet.ingest import Ingest, IngestConfig
 from mulan.fleet.journal import Entry, Journal
@@ -28,6 +29,8 @@ from mulan.mission.messages import Topic
 
 _LARGEST_BATCH = 128  # so that answers do not wait for long batches
 _ANSWER_EVERY_S = 0.2
+_ANSWER_AGAIN_S = 0.5  # an answer may be lost, so it is said again, ...
+_ANSWER_FOR_S = 30.0  # ... until the robot's messages show that it came, or this long after its last one
 _TICK_S = 0.05
 _REFUSE_EVERY_S = 0.5
 _REPEAT_EVERY_S = 1.0  # orders are not acknowledged, so the last one of each kind is said again
@@ -50,6 +53,22 @@ class BaseConfig:
     """Network."""
     ingest: IngestConfig = field(default_factory=IngestConfig)
     """Limits on what robots may send."""
+
+
+@dataclass
+class _Heard:
+    """The last message of a robot that is to be answered.
+
+    Attributes:
+        envelope: Of the message.
+        received_ns: When it came, on this clock.
+        heard_s, answered_s: When it came and when it was last answered, on the monotonic clock.
+    """
+
+    envelope: Envelope
+    received_ns: int
+    heard_s: float
+    answered_s: float = 0.0
 
 
 class BaseStation:
@@ -93,8 +112,8 @@ class BaseStation:
         self._on_message, self._tell = on_message, tell
         self._id = secrets.randbits(63)
         self._inbox = Inbox(int(config.inbox_mb * 1e6), config.ingest.largest_message_bytes)
-        self._due: dict[str, Verdict] = {}
-        self._due_received_ns: dict[str, int] = {}
+        self._due: set[str] = set()
+        self._heard: dict[str, _Heard] = {}
         self._told: dict[tuple[str, str], float] = {}
         self._orders: queue.SimpleQueue[tuple[str, Topic, bytes]] = queue.SimpleQueue()
         self._ordered: dict[tuple[str, str], bytes] = {}
@@ -160,6 +179,7 @@ class BaseStation:
             if batch:
                 self._take_in(batch)
             now_s = time.monotonic()
+            self._due |= self._unheard(now_s)
             if self._due and (now_s - answered_s >= _ANSWER_EVERY_S or self._closing.is_set()):
                 self._answer()
                 answered_s = now_s
@@ -215,8 +235,8 @@ class BaseStation:
             if verdict.outcome is Arrival.ACCEPTED:
                 accepted.append(verdict)
             if not isinstance(verdict.outcome, Deferral):
-                self._due[verdict.robot] = verdict
-                self._due_received_ns[verdict.robot] = received.received_ns
+                self._due.add(verdict.robot)
+                self._heard[verdict.robot] = _Heard(envelope, received.received_ns, time.monotonic())
         if not accepted:
             return
         written = self._write(accepted)
@@ -251,26 +271,37 @@ class BaseStation:
 
     def _answer(self) -> None:
         """Tell every robot heard of what is on disk."""
-        for robot, verdict in self._due.items():
-            state, envelope = self.ingest.robots[robot], verdict.envelope
-            assert envelope is not None
-            settled = state.settled[envelope.incarnation]
+        for robot in self._due:
+            state, heard = self.ingest.robots[robot], self._heard[robot]
+            settled = state.settled[heard.envelope.incarnation]
+            heard.answered_s = time.monotonic()
             self._send(
                 robot,
                 Acknowledgement(
                     LinkStatus.OPEN,
                     self._id,
-                    envelope.incarnation,
-                    envelope.session,
-                    envelope.sent_ns,
-                    self._due_received_ns[robot],
+                    heard.envelope.incarnation,
+                    heard.envelope.session,
+                    heard.envelope.sent_ns,
+                    heard.received_ns,
                     time.time_ns(),
                     settled.through,
-                    settled.beyond,
+                    worth_telling(settled.beyond, state.recent),
                     list(state.refused),
                 ),
             )
         self._due.clear()
+
+    def _unheard(self, now_s: float) -> set[str]:
+        """Robots that may not know yet what they were answered."""
+        return {
+            robot
+            for robot, heard in self._heard.items()
+            if now_s - heard.answered_s >= _ANSWER_AGAIN_S
+            and now_s - heard.heard_s < _ANSWER_FOR_S
+            and self.ingest.robots[robot].settled[heard.envelope.incarnation].through
+            >= heard.envelope.settled_below
+        }
 
     def _refuse(self, verdict: Verdict, received: Received) -> None:
         """Tell a session that it is not welcome, and why."""

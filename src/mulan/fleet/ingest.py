@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from mulan.fleet import envelope as envelopes
+from mulan.fleet.acknowledgement import MOST_RANGES
 from mulan.fleet.content_checks import ContentChecks, to_ns
 from mulan.fleet.envelope import Envelope, EnvelopeError
 from mulan.fleet.journal import Entry, sender_of
@@ -59,6 +60,7 @@ class RobotState:
         heard_s: When something last came from the holder.
         settled: Sequence numbers on disk or refused, by incarnation.
         unwritten: Numbers accepted, by incarnation, that are not on disk yet.
+        recent: The last numbers that came and are settled, of the holder.
         refused: Numbers refused that the robot may not know of yet, of the holder.
         counts: How often each outcome occurred.
         received_bytes: Payload, attachment and key of every copy that came, by importance.
@@ -72,6 +74,7 @@ class RobotState:
     heard_s: float = 0.0
     settled: dict[int, SequenceSet] = field(default_factory=dict)
     unwritten: set[tuple[int, int]] = field(default_factory=set)
+    recent: deque[int] = field(default_factory=lambda: deque(maxlen=MOST_RANGES // 2))
     refused: deque[tuple[int, Refusal]] = field(default_factory=deque)
     counts: Counter[str] = field(default_factory=Counter)
     received_bytes: Counter[Importance] = field(default_factory=Counter)
@@ -158,6 +161,7 @@ class Ingest:
         state.unwritten.discard((envelope.incarnation, envelope.sequence))
         if written:
             state.settled.setdefault(envelope.incarnation, SequenceSet()).add(envelope.sequence)
+            state.recent.append(envelope.sequence)
 
     def _of_robot(
         self,
@@ -179,6 +183,7 @@ class Ingest:
                 return verdict(LinkStatus.NAME_TAKEN)
             state.holder = holder
             state.refused.clear()
+            state.recent.clear()
         state.heard_s = now_s
         settled = state.settled.setdefault(envelope.incarnation, SequenceSet())
         settled.settle_below(envelope.settled_below)
@@ -190,6 +195,8 @@ class Ingest:
             state.holder = None
             return verdict(Arrival.GOODBYE)
         if envelope.sequence in settled or (envelope.incarnation, envelope.sequence) in state.unwritten:
+            if envelope.sequence in settled and envelope.sequence not in state.recent:
+                state.recent.append(envelope.sequence)  # the robot does not know it
             return verdict(Arrival.DUPLICATE)
         if envelope.sequence > settled.through + self.config.furthest_ahead or (
             len(state.refused) >= _MOST_REFUSED

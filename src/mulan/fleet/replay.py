@@ -21,7 +21,7 @@ from mulan.fleet.wire_topics import MOUNTS, WIRE_TOPICS, Importance
 from mulan.mission import bag_topics, messages, ros_poses
 from mulan.mission.ros_stamps import NANOSECONDS
 
-_STARTED = "replay started"
+REPLAY_STARTED = "replay started"  # wall clock, noted in the spool
 
 
 @dataclass(frozen=True)
@@ -87,10 +87,10 @@ class ReplayClock:
             raise InputError(bag, f"robot '{robot}'", "has no odometry in the bag", remedy)
         self._speed, self._end_ns = speed, end_ns
         spool = Spool(spool_path, int(spool_mb * 1e6))
-        started_ns = spool.noted(_STARTED)
+        started_ns = spool.noted(REPLAY_STARTED)
         if started_ns is None:
             started_ns = time.time_ns()
-            spool.note(_STARTED, started_ns)
+            spool.note(REPLAY_STARTED, started_ns)
         spool.close()
         self._started_ns = started_ns
 

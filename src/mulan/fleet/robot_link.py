@@ -34,7 +34,9 @@ from mulan.fleet.zenoh_session import LinkConfig, open_robot_session
 from mulan.mission import messages
 
 _GREET_EVERY_S = 1.0
+_KNOCK_EVERY_S = 0.25  # until the base station has answered for the first time
 _REFUSED_EVERY_S = 2.0
+_TOLD_AGAIN_NS = 500_000_000  # an answer later than this is a repeated one, and times nothing
 _STAMPS_KEPT = 2048
 
 
@@ -70,6 +72,7 @@ class LinkCounts:
         stored: Messages the base station says are on its disk.
         refused: By reason.
         sent_bytes: Payload, attachment and key of every copy, by importance.
+        range_bytes: Of these, those of ranges by peer.
         received_bytes: Answers.
         bases: Base station processes heard of.
     """
@@ -79,6 +82,7 @@ class LinkCounts:
     stored: int = 0
     refused: Counter[str] = field(default_factory=Counter)
     sent_bytes: Counter[Importance] = field(default_factory=Counter)
+    range_bytes: Counter[str] = field(default_factory=Counter)
     received_bytes: int = 0
     bases: int = 0
 
@@ -217,7 +221,8 @@ class RobotLink:
                 if self._closing:
                     return
                 now_s = time.monotonic()
-                due = self._window.due(now_s) if self.status is LinkStatus.OPEN else []
+                # before any answer too: on a bad link it may take minutes to come
+                due = self._window.due(now_s) if self.status in (None, LinkStatus.OPEN) else []
                 if not due:
                     self._changed.wait(self._window.pause_s(now_s))
             for message, again in due:
@@ -230,17 +235,25 @@ class RobotLink:
         self.counts.sent += 1
         self.counts.resent += again
         self.counts.sent_bytes[message.importance] += size
+        if message.suffix == messages.RANGE.suffix:
+            ranged: Any = messages.typestore().deserialize_cdr(message.payload, messages.RANGE.msgtype)
+            self.counts.range_bytes[ranged.peer] += size
 
     def _greet(self, sending: bool) -> None:
         """Open the session, and keep the name while there is nothing to send."""
         now_s = time.monotonic()
-        refused = self.status not in (None, LinkStatus.OPEN)
-        if sending and not refused:
+        if sending and self.status is LinkStatus.OPEN:
             self._greeted_s = now_s
-        elif now_s - self._greeted_s > (_REFUSED_EVERY_S if refused else _GREET_EVERY_S):
+        elif now_s - self._greeted_s > self._greet_every_s:
             self._greeted_s = now_s
             size = self._transmit(GREETING, 0, self._clock_ns(), b"")
             self.counts.sent_bytes[Importance.COORDINATION] += size
+
+    @property
+    def _greet_every_s(self) -> float:
+        if self.status is None:
+            return _KNOCK_EVERY_S
+        return _GREET_EVERY_S if self.status is LinkStatus.OPEN else _REFUSED_EVERY_S
 
     def _transmit(self, suffix: str, sequence: int, record_ns: int, payload: bytes) -> int:
         config = self.config
@@ -307,9 +320,11 @@ class RobotLink:
         elif now_s - self.heard_s > 2 * _GREET_EVERY_S:
             self._window.hurry()
         self.heard_s = now_s
+        self._window.heard(now_s)
         self.clock.add(answer.sent_ns, answer.received_ns, answer.answered_ns, returned_ns)
         sent_s = self._sent_s.get(answer.sent_ns)
-        if sent_s is not None:
+        first_told = answer.answered_ns - answer.received_ns < _TOLD_AGAIN_NS
+        if sent_s is not None and first_told:
             self._window.round_trip(now_s - sent_s)
         stored, refused = self.spool.settle(answer.through, answer.beyond, answer.refused)
         self.counts.stored += stored

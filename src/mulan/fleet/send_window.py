@@ -11,7 +11,10 @@ from mulan.fleet.token_bucket import TokenBucket
 from mulan.fleet.wire_topics import Importance
 
 _FEWEST = 64  # messages always allowed under way
+_SPARE = 64  # more of those that come first
 _PROMPT_S = 0.5  # an answer may wait this long for others at the base station
+_ANSWER_EVERY_S = 0.2  # of the base station
+_MOST_ANSWERS = 12.0  # that one which came may stand for
 
 
 @dataclass(frozen=True)
@@ -25,7 +28,11 @@ class WindowConfig:
     first_wait_s: float = 0.5
     """Time to wait for an answer before sending again, until round trips have been measured."""
     longest_wait_s: float = 20.0
-    """This wait doubles at every attempt up to here."""
+    """This wait doubles at every attempt up to here while nothing is heard."""
+    longest_wait_heard_s: float = 2.0
+    """And only up to here while answers come: then the link is there, and what is missing was lost."""
+    heard_for_s: float = 60.0
+    """An answer tells for so long that the link is there."""
     kilobytes_per_s: float = 4000.0
     """What the link is believed to carry."""
     image_kilobytes_per_s: float = 2000.0
@@ -49,8 +56,9 @@ class SendWindow:
         self._bytes = 0
         self._taken_to = dict.fromkeys(Importance, 0)
         self._allowed = float(_FEWEST)
-        self._adjusted_s = float("-inf")
+        self._widened_s, self._narrowed_s = time.monotonic(), float("-inf")
         self._shortest_s = float("inf")
+        self._heard_s = float("-inf")
         self._round_trip_s: float | None = None
         self._spread_s = 0.0
         self._rng = np.random.default_rng()
@@ -73,6 +81,10 @@ class SendWindow:
             return self.config.first_wait_s
         return float(np.clip(self._round_trip_s + 4 * self._spread_s, 0.1, self.config.longest_wait_s))
 
+    def heard(self, now_s: float) -> None:
+        """Take note that an answer came."""
+        self._heard_s = now_s
+
     def round_trip(self, measured_s: float) -> None:
         """Take note of how long an answer took."""
         if self._round_trip_s is None:
@@ -87,21 +99,29 @@ class SendWindow:
 
         Loss says nothing on a radio link; growing delay shows that the link or the base station is behind.
         """
+        now_s = time.monotonic()
         self._shortest_s = min(self._shortest_s * 1.001, measured_s)
         if measured_s < _PROMPT_S + 3 * self._shortest_s:
-            self._allowed = min(self._allowed * 1.1 + 1, float(self.config.messages))
-        elif time.monotonic() - self._adjusted_s > measured_s:
+            # a lost answer would have widened it too
+            answers = np.clip((now_s - self._widened_s) / _ANSWER_EVERY_S, 1.0, _MOST_ANSWERS)
+            self._allowed = min(self._allowed * 1.1 ** float(answers) + 1, float(self.config.messages))
+            self._widened_s = now_s
+        elif now_s - self._narrowed_s > measured_s:
             self._allowed = max(self._allowed * 0.6, float(_FEWEST))
-            self._adjusted_s = time.monotonic()
+            self._narrowed_s = now_s
 
     def due(self, now_s: float) -> list[tuple[Spooled, bool]]:
         """What to send now, and whether it was sent before."""
         found: list[tuple[Spooled, bool]] = []
+        heard = now_s - self._heard_s < self.config.heard_for_s
+        longest_s = self.config.longest_wait_s
+        if heard:
+            longest_s = min(longest_s, max(self.config.longest_wait_heard_s, 2 * self.wait_s))
         overdue = [u for u in self._under_way.values() if u.due_s <= now_s]
         for under_way in sorted(overdue, key=lambda u: (u.message.importance, u.message.sequence)):
             if not self._may_send(under_way.message, now_s):
                 break
-            wait_s = min(self.wait_s * 2**under_way.attempts, self.config.longest_wait_s)
+            wait_s = min(self.wait_s * 2**under_way.attempts, longest_s)
             under_way.attempts = min(under_way.attempts + 1, 16)
             under_way.due_s = now_s + wait_s * float(self._rng.uniform(0.9, 1.1))
             found.append((under_way.message, True))
@@ -131,7 +151,9 @@ class SendWindow:
 
     def _start(self, importance: Importance, now_s: float, found: list[tuple[Spooled, bool]]) -> None:
         while True:
-            room = self.allowed - len(self._under_way)
+            # what waits for a lossy link's answers must not keep out what localization cannot do without
+            spare = _SPARE if importance <= Importance.COORDINATION else 0
+            room = self.allowed + spare - len(self._under_way)
             if room <= 0 or self._bytes >= self.config.megabytes * 1e6:
                 return
             taken = self._spool.next_of(importance, self._taken_to[importance], min(room, 32))

@@ -14,9 +14,14 @@ from mulan.evaluation.provenance import provenance
 from mulan.fleet.journal import Journal, sender_of
 from mulan.fleet.journal_scan import RecordedMessage
 from mulan.fleet.lossy_link import LossConfig
+from mulan.fleet.replay import REPLAY_STARTED
+from mulan.fleet.soak_arrivals import ReplayedTime, arrivals
+from mulan.fleet.soak_localization import as_it_arrived, compared
+from mulan.fleet.soak_picture import draw_lag
 from mulan.fleet.soak_processes import (
     Kill,
     Member,
+    MemoryWatch,
     base_member,
     free_endpoint,
     robot_member,
@@ -24,15 +29,10 @@ from mulan.fleet.soak_processes import (
     watch,
 )
 from mulan.fleet.spool import Spool
-from mulan.localization.accuracy import accuracy
-from mulan.localization.localize import LocalizationConfig, localize
-from mulan.localization.types import Localization
 from mulan.mission.bag_reader import read_mission
 from mulan.mission.run_folder import write_json
-from mulan.mission.types import Mission
-from mulan.wireless.bearing import BearingConfig
 
-_REPLAYED = 0.85  # of the test's time; what was missed is sent in the rest
+_REAL_TIME = 0.03  # a replay so near to real time is one
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,10 @@ class SoakConfig:
     out: Path
     """Folder to write; metrics.json lies in it."""
     minutes: float = 3.0
-    """How long; the bag is replayed in 85 % of it, slower or faster than it was recorded."""
+    """How long."""
+    recorded_share: float = 0.85
+    """The bag is replayed in this share of it, slower or faster than it was recorded; what was missed is sent
+    in the rest."""
     loss: float = 0.2
     """Messages lost, each way."""
     jitter_s: float = 0.2
@@ -52,11 +55,13 @@ class SoakConfig:
     duplicate: float = 0.02
     """Messages that come twice."""
     robot_away_s: float = 300.0
-    """The second robot is killed for this long, or a sixth of the test if that is shorter."""
+    """The second robot is killed for this long, or a sixth of the test if that is shorter; 0 leaves it be."""
     base_kills: int = 2
     """How often the base station is killed."""
     localize: bool = True
     """Localize from the received bag and from the undisturbed one, and compare."""
+    instants: int = 0
+    """Localize also from what had come by so many instants, evenly spread."""
     seed: int = 0
     """Source of the link's randomness."""
 
@@ -80,8 +85,10 @@ def soak(config: SoakConfig, stage: Callable[[str], object] = lambda _: None) ->
         raise InputError(folder, "folder", "holds an earlier test", "choose another --out")
     folder.mkdir(parents=True, exist_ok=True)
     with Reader(config.bag) as reader:
-        duration_s = reader.duration * 1e-9
+        duration_s, bag_start_ns = reader.duration * 1e-9, reader.start_time
     test_s = config.minutes * 60
+    speed = duration_s / (test_s * config.recorded_share)
+    speed = 1.0 if abs(speed - 1) < _REAL_TIME else speed
     endpoint = free_endpoint()
     base = base_member(folder, received, endpoint, names)
     robots = [
@@ -89,23 +96,24 @@ def soak(config: SoakConfig, stage: Callable[[str], object] = lambda _: None) ->
             folder,
             name,
             config.bag,
-            duration_s / (test_s * _REPLAYED),
+            speed,
             endpoint,
             LossConfig(config.loss, config.duplicate, 0.002, config.jitter_s, config.seed + index),
         )
         for index, name in enumerate(names)
     ]
     away_s = min(config.robot_away_s, test_s / 6)
-    kills = [Kill(robots[1], 0.15 * test_s, 0.15 * test_s + away_s)]
+    kills = [Kill(robots[1], 0.15 * test_s, 0.15 * test_s + away_s)] if away_s else []
     for at in np.linspace(0.4, 0.75, config.base_kills):
         kills.append(
             Kill(base, float(at) * test_s, float(at) * test_s + min(10.0, test_s / 30), 0.1 * test_s)
         )
     stage(f"{len(names)} robots for {config.minutes:g} min")
     members = [base, *robots]
+    memory = MemoryWatch(members)
     try:
         start_all(members, 300)
-        took_s = watch(members, kills, 3 * test_s + 300)
+        took_s = watch(members, kills, 3 * test_s + 300, memory.sample)
     finally:
         for member in reversed(members):
             member.stop(20)
@@ -116,22 +124,41 @@ def soak(config: SoakConfig, stage: Callable[[str], object] = lambda _: None) ->
         "provenance": provenance(config.seed),
         "config": {name: str(v) if isinstance(v, Path) else v for name, v in asdict(config).items()},
         "test_s": took_s,
-        "replay_speed": duration_s / (test_s * _REPLAYED),
+        "replay_speed": speed,
     }
-    metrics |= account(received, folder, base, robots, duration_s)
+    in_bag: list[RecordedMessage] = []
+    Journal(received, replay=in_bag.append).close()
+    metrics |= account(in_bag, folder, base, robots, duration_s)
+    metrics["memory_mb_by_minute"] = memory.by_minute
+    arrived = arrivals(in_bag, _clocks(folder, robots, bag_start_ns, speed))
+    metrics |= arrived.figures()
+    draw_lag(arrived, members, folder / "lag.png")
+    write_json(folder / "metrics.json", metrics)
     if config.localize:
         stage("localizing the undisturbed and the received bag")
-        metrics["localization"] = _localization(mission, read_mission(received))
+        metrics["localization"] = compared(mission, read_mission(received))
+    if config.instants:
+        stage("localizing from what had come by some instants")
+        metrics["as_it_arrived"] = as_it_arrived(received, config.instants, folder)
     write_json(folder / "metrics.json", metrics)
     return metrics
 
 
+def _clocks(folder: Path, robots: list[Member], bag_start_ns: int, speed: float) -> dict[str, ReplayedTime]:
+    clocks = {}
+    for robot in robots:
+        spool = Spool(folder / f"{robot.name}.spool", 2**40)
+        started_ns = spool.noted(REPLAY_STARTED)
+        spool.close()
+        if started_ns is not None:
+            clocks[robot.name] = ReplayedTime(started_ns, bag_start_ns, speed)
+    return clocks
+
+
 def account(
-    received: Path, folder: Path, base: Member, robots: list[Member], duration_s: float
+    in_bag: list[RecordedMessage], folder: Path, base: Member, robots: list[Member], duration_s: float
 ) -> dict[str, Any]:
     """Every message a robot recorded, looked for in the bag."""
-    in_bag: list[RecordedMessage] = []
-    Journal(received, replay=in_bag.append).close()
     numbers = Counter((*sender_of(message), message.sequence) for message in in_bag if sender_of(message)[0])
     per_robot: dict[str, Any] = {}
     for robot in robots:
@@ -157,8 +184,7 @@ def account(
     bases = base.figures()
     names = [robot.name for robot in robots]
     of_pairs = {
-        f"{a}-{b}": per_robot[a]["coordination_bytes_per_mission_s"]
-        + per_robot[b]["coordination_bytes_per_mission_s"]
+        f"{a}-{b}": _coordination(per_robot[a], b) + _coordination(per_robot[b], a)
         for i, a in enumerate(names)
         for b in names[i + 1 :]
     }
@@ -196,47 +222,24 @@ def account(
     }
 
 
-def _traffic(robot: Member, duration_s: float) -> dict[str, float]:
+def _coordination(robot: Mapping[str, Any], peer: str) -> float:
+    """What a robot sends for one pair: odometry, which is for all, and ranges to this peer."""
+    ranges = robot["range_bytes_per_mission_s"]
+    return robot["coordination_bytes_per_mission_s"] - sum(ranges.values()) + ranges.get(peer, 0.0)
+
+
+def _traffic(robot: Member, duration_s: float) -> dict[str, Any]:
     """Bytes a second of the mission's own time, copies sent again included."""
-    sent = Counter[str]()
+    sent, ranges = Counter[str](), Counter[str]()
     answers = 0
     for figures in robot.figures():
         sent.update(figures["sent_bytes"])
+        ranges.update(figures["sent_range_bytes"])
         answers += figures["acknowledgement_bytes"]
     return {
         "coordination_bytes_per_mission_s": (sent["coordination"] + sent["calibration"]) / duration_s,
+        "range_bytes_per_mission_s": {peer: count / duration_s for peer, count in ranges.items()},
         "acknowledgement_bytes_per_mission_s": answers / duration_s,
         "radio_bytes_per_mission_s": sent["radio"] / duration_s,
         "image_bytes_per_mission_s": sent["image"] / duration_s,
     }
-
-
-def _localization(undisturbed: Mission, received: Mission) -> dict[str, Any]:
-    """Errors from both bags, and how far the two solutions are apart."""
-    solved = {}
-    figures: dict[str, Any] = {}
-    for name, mission in (("undisturbed", undisturbed), ("received", received)):
-        localization = localize(mission, LocalizationConfig(), BearingConfig())
-        solved[name] = localization
-        found = accuracy(localization, mission) or {}
-        figures[name] = {
-            "position_rms_m": {robot: f.position_rms_m for robot, f in found.items()},
-            "yaw_rms_deg": {robot: f.yaw_rms_deg for robot, f in found.items()},
-            "photographs": sum(len(t.time_s) for t in localization.trajectories.values()),
-            "bearings": len(localization.bearings),
-        }
-    figures["largest_difference_m"] = _largest_difference_m(solved)
-    return figures
-
-
-def _largest_difference_m(solved: Mapping[str, Localization]) -> float | None:
-    """Between the two solutions, over the photographs both have."""
-    apart = []
-    one, other = solved["undisturbed"].trajectories, solved["received"].trajectories
-    for robot in one.keys() & other.keys():
-        _, first, second = np.intersect1d(
-            np.round(one[robot].time_s * 1e6), np.round(other[robot].time_s * 1e6), return_indices=True
-        )
-        off = one[robot].T_world_body[first, :3, 3] - other[robot].T_world_body[second, :3, 3]
-        apart += list(np.linalg.norm(off, axis=1))
-    return float(max(apart)) if apart else None

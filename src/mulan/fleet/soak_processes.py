@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -53,6 +54,17 @@ class Member:
     def running(self) -> bool:
         """Whether its last process runs."""
         return bool(self.processes) and self.processes[-1].poll() is None
+
+    @property
+    def memory_mb(self) -> float:
+        """What its last process holds now; 0 where it is gone or the system does not tell."""
+        if not self.running:
+            return 0.0
+        try:
+            with open(f"/proc/{self.processes[-1].pid}/status") as lines:
+                return next((int(line.split()[1]) / 1e3 for line in lines if line.startswith("VmRSS:")), 0.0)
+        except OSError:
+            return 0.0
 
     @property
     def ready(self) -> bool:
@@ -164,16 +176,48 @@ def start_all(members: list[Member], timeout_s: float) -> None:
         time.sleep(0.05)
 
 
-def watch(members: list[Member], kills: list[Kill], until_s: float) -> float:
+class MemoryWatch:
+    """What the processes hold in memory, minute by minute.
+
+    Attributes:
+        by_minute: Largest resident megabytes seen in each minute, of the base station and of any robot.
+    """
+
+    def __init__(self, members: list[Member]) -> None:
+        self.by_minute: list[dict[str, float]] = []
+        self._members = members
+        self._next_s = 0.0
+
+    def sample(self, now_s: float) -> None:
+        """Look, every five seconds."""
+        if now_s < self._next_s:
+            return
+        self._next_s = now_s + 5.0
+        while len(self.by_minute) <= int(now_s / 60):
+            self.by_minute.append({"base": 0.0, "robot": 0.0})
+        of_minute = self.by_minute[-1]
+        for member in self._members:
+            role = "base" if member is self._members[0] else "robot"
+            of_minute[role] = max(of_minute[role], member.memory_mb)
+
+
+def watch(
+    members: list[Member],
+    kills: list[Kill],
+    until_s: float,
+    look: Callable[[float], object] = lambda _: None,
+) -> float:
     """Run until every robot has ended by itself; returns how long that took.
 
     Args:
         members: Base station first; all running.
         kills: What happens meanwhile.
         until_s: Give up after this time.
+        look: Called again and again with the seconds since the start.
     """
     started_s = time.monotonic()
     while (now_s := time.monotonic() - started_s) < until_s:
+        look(now_s)
         for kill in kills:
             kill.due(now_s)
         pending = any(kill.state == 1 for kill in kills)

@@ -57,6 +57,7 @@ def robot_status(link: RobotLink, replay: Replay) -> dict[str, Any]:
         "resent": counts.resent,
         "acknowledged": counts.stored,
         "sent_bytes": {i.name.lower(): n for i, n in counts.sent_bytes.items()},
+        "sent_range_bytes": dict(counts.range_bytes),
         "acknowledgement_bytes": counts.received_bytes,
         "bases": counts.bases,
         "clock_offset_s": None if clock is None else clock.offset_ns * 1e-9,

@@ -1,0 +1,57 @@
+"""The mission of a soak test: as long as the test, so that its traffic is that of real time."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from mulan.mission.bag_writer import write_mission
+from mulan.simulation.from_scene import SceneMissionConfig, robot_cameras, simulate_from_scene
+from mulan.simulation.radio import RadioConfig
+from mulan.simulation.recording import SensorConfig
+from mulan.simulation.timeline import TourConfig
+
+_MEASURING_SHARE = 0.6  # most of the mission that may be spent standing and measuring
+_FASTEST_M_PER_S = 1.0
+
+
+@dataclass(frozen=True)
+class SoakMissionConfig:
+    """Robots in the built-in room that photograph and measure at a steady pace."""
+
+    robots: int = 3
+    """Number of robots."""
+    packets_per_second: float = 100.0
+    """WiFi packet pairs a second and pair, while an antenna moves."""
+    round_every_s: float = 40.0
+    """Every robot moves its antenna once in so long, or as often as there is time for."""
+    photograph_every_s: float = 10.0
+    """Every robot photographs once in so long."""
+
+
+def simulate_soak_mission(config: SoakMissionConfig, duration_s: float, seed: int, bag: Path) -> None:
+    """Write a mission of about that length; with many robots and little time it is longer.
+
+    Raises:
+        InputError: Too few robots.
+    """
+    aperture_s = TourConfig().aperture.duration_s + TourConfig().settle_s
+    most_rounds = _MEASURING_SHARE * duration_s / (aperture_s * config.robots)
+    rounds = max(2, round(min(duration_s / config.round_every_s, most_rounds)))
+    driving_s = duration_s - rounds * aperture_s * config.robots
+    scene = SceneMissionConfig(
+        robots=config.robots,
+        photos_per_robot=max(rounds, 8, round(duration_s / config.photograph_every_s)),
+        held_out=0,
+        width=96,
+        height=72,
+        samples_per_pixel=8,
+        seed=seed,
+        sensors=SensorConfig(radio=RadioConfig(packets_per_second=config.packets_per_second)),
+    )
+    ways = [robot_cameras(scene, index)[:, :3, 3] for index in range(config.robots)]
+    longest_m = max(float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()) for way in ways)
+    speed = min(longest_m / max(driving_s, 1e-3), _FASTEST_M_PER_S)
+    # one radian takes the time of one metre, whatever the speed, so turns do not lengthen a slow drive
+    tour = TourConfig(rounds=rounds, speed_m_per_s=speed, turn_rate_rad_per_s=10 * speed)
+    write_mission(simulate_from_scene(replace(scene, tour=tour)), bag)
