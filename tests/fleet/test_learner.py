@@ -1,5 +1,6 @@
 """The learner on a bag that grows: the same run as from the finished bag, and started again."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,10 +9,13 @@ import pytest
 from mulan.fleet.journal import Entry, Journal
 from mulan.fleet.learner import LearnConfig, Learner
 from mulan.fleet.live_state import read_state
+from mulan.fleet.measurement_requests import measurement_requests
 from mulan.fleet.orders import goal_message, goal_of, pose_message
 from mulan.geometry import se3
 from mulan.localization.graph import LocalizationConfig
+from mulan.localization.information import Undetermined
 from mulan.localization.localize import localize
+from mulan.localization.scheduling import SchedulingConfig
 from mulan.mission import ros_poses
 from mulan.mission.run_folder import RunFolder, read_json
 from mulan.mission.types import Mission
@@ -116,6 +120,20 @@ def test_goals_and_poses_go_out_in_the_frames_ros_expects(
     assert goal.header.frame_id == "beta/odom"
     assert np.allclose(goal_of(goal), T_odom_body, atol=1e-9)
     assert goal.header.stamp.nanosec == 123_456_789
+
+
+def test_pairs_that_are_not_sure_enough_are_asked_to_measure(mission: Mission) -> None:
+    known = localize(mission, LocalizationConfig(), BEARINGS)
+    contented = SchedulingConfig(position_goal_m=10.0, heading_goal_deg=90.0)
+    assert measurement_requests(known, contented) == {"alpha": (), "beta": ()}
+    strict = SchedulingConfig(position_goal_m=1e-3, heading_goal_deg=1e-3, least_gain_nats=1e-3)
+    for found in (known, replace(known, joint_covariance=None)):
+        asked = measurement_requests(found, strict)
+        # one of the two moves its antenna, the other answers
+        assert sorted(asked.values()) in ([(), ("alpha",)], [(), ("beta",)])
+    lost = Undetermined("gamma", ("bearings and ranges",), "is silent", "wait")
+    everyone = measurement_requests(replace(known, undetermined=(lost,)), contented)
+    assert everyone == {"alpha": ("beta", "gamma"), "beta": ("alpha", "gamma")}
 
 
 def test_a_bag_that_ends_before_anything_was_seen_is_no_error(tmp_path: Path) -> None:

@@ -103,6 +103,19 @@ def test_a_bad_link_delivers_everything_once(tmp_path: Path, free_endpoint: Link
         assert payloads == Counter(m.payload for m in sent[name])
 
 
+def test_a_link_that_loses_nearly_everything_delivers_all(tmp_path: Path, free_endpoint: LinkConfig) -> None:
+    recorded = recorded_by("ant", ["zebra"])
+    hopeless = LossConfig(loss=0.93, delay_s=0.002, jitter_s=0.01, seed=5)
+    with (
+        base_station(tmp_path, free_endpoint) as base,
+        robot(tmp_path, free_endpoint, loss=hopeless) as link,
+    ):
+        send_all(link, recorded)
+        assert within(60, lambda: base.journal.messages == len(recorded) + 1)  # and the robots' names
+    payloads = Counter(m.payload for m in in_bag(tmp_path / "m.mcap") if sender_of(m)[0])
+    assert payloads == Counter(m.payload for m in recorded)
+
+
 def test_what_was_recorded_without_a_base_station_arrives_later(
     tmp_path: Path, free_endpoint: LinkConfig
 ) -> None:

@@ -1,6 +1,7 @@
 """What the learner or a person writes to a run reaches the robot, and stands in the bag before."""
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from mulan.fleet.ingest import IngestConfig
 from mulan.fleet.live_state import LiveRobot, LiveState, write_state
 from mulan.fleet.orders import Orders, goal_of
 from mulan.fleet.robot_link import RobotConfig, RobotLink
+from mulan.fleet.simulated_robot import RequestInbox
 from mulan.fleet.zenoh_session import LinkConfig
 from mulan.mission import messages
 from mulan.mission.run_folder import RunFolder, write_json
@@ -23,6 +25,38 @@ def wait_for(done, seconds: float = 20.0) -> None:
     while not done():
         assert time.monotonic() < until_s, "it took too long"
         time.sleep(0.05)
+
+
+def test_a_robot_is_asked_to_measure_once_for_each_new_pose(
+    tmp_path: Path, free_endpoint: LinkConfig
+) -> None:
+    T_world_body, T_world_odom, T_body_camera = make_poses(3, np.random.default_rng(2))
+    first = LiveRobot(12.5, T_world_body, np.eye(6), T_world_odom, T_body_camera, measure_with=("bee",))
+    run, inbox = RunFolder(tmp_path / "run"), RequestInbox()
+    assert inbox.take(), "who was never told anything measures"
+    config = BaseConfig(tmp_path / "m.mcap", mission="m", link=free_endpoint)
+    base = BaseStation(config)
+    orders = Orders(base, run)
+    robot = RobotConfig("ant", tmp_path / "ant.spool", "m", link=free_endpoint)
+    link = RobotLink(robot, orders={messages.REQUEST: inbox.put})
+    try:
+        write_state(LiveState(5 * 10**9, {"ant": first}), run)
+        wait_for(lambda: inbox.received == 1)
+        assert inbox.take()
+        write_state(LiveState(6 * 10**9, {"ant": first}), run)  # planned anew, not localized anew
+        time.sleep(1.5)
+        assert inbox.received == 1
+        assert not inbox.take(), "a request is answered once"
+        write_state(LiveState(7 * 10**9, {"ant": replace(first, time_s=13.0, measure_with=())}), run)
+        wait_for(lambda: inbox.received == 2)
+        assert not inbox.take(), "nobody is to answer, so nothing is measured"
+    finally:
+        link.close()
+        orders.close()
+        base.close()
+    with Reader(config.out) as reader:
+        counts = {connection.topic: connection.msgcount for connection in reader.connections}
+    assert counts[messages.REQUEST.of("ant")] == 2
 
 
 def test_planned_and_picked_goals_reach_the_robot_and_the_bag(
@@ -39,7 +73,8 @@ def test_planned_and_picked_goals_reach_the_robot_and_the_bag(
     base = BaseStation(config)
     orders = Orders(base, run, said.append)
     link = RobotLink(
-        RobotConfig("ant", tmp_path / "ant.spool", "m", link=free_endpoint), on_goal=heard.append
+        RobotConfig("ant", tmp_path / "ant.spool", "m", link=free_endpoint),
+        orders={messages.GOAL: heard.append},
     )
     try:
         write_state(LiveState(5 * 10**9, {"ant": robot}), run)

@@ -9,6 +9,7 @@ from mulan.fleet.odometry_thinning import OdometryConfig, OdometryThinning
 from mulan.fleet.replay import ReplayClock
 from mulan.fleet.send_window import SendWindow, WindowConfig
 from mulan.fleet.spool import Spool
+from mulan.fleet.view_novelty import NoveltyConfig, ViewNovelty
 from mulan.fleet.wire_topics import Importance
 from mulan.geometry import se3
 from mulan.mission import pixels
@@ -67,6 +68,38 @@ def test_with_a_budget_a_robot_that_stands_sends_one_photograph() -> None:
     assert sent == [True, False, False, False, False, True]
 
 
+def at(x_m: float, yaw_rad: float = 0.0) -> np.ndarray:
+    return se3.exp(np.array([0, 0, yaw_rad, x_m, 0, 0]))
+
+
+def test_a_photograph_tells_less_beside_others_like_it() -> None:
+    novelty = ViewNovelty(NoveltyConfig())
+    assert novelty.gain_nats(at(0)) == novelty.most_nats
+    novelty.add(at(0))
+    gains = [novelty.gain_nats(at(x)) for x in (0.0, 0.1, 0.3, 1.0)]
+    assert gains == sorted(gains)
+    assert gains[0] < 0.35 * novelty.most_nats
+    assert gains[-1] == pytest.approx(novelty.most_nats, rel=0.01)
+    assert novelty.gain_nats(at(0, 0.5)) > 0.9 * novelty.most_nats
+    # between two known views less is new than beside one
+    beside = novelty.gain_nats(at(0.2))
+    novelty.add(at(0.4))
+    assert novelty.gain_nats(at(0.2)) < beside
+
+
+def test_a_scarce_budget_goes_to_photographs_that_tell_more() -> None:
+    """A robot creeps for a minute, then tours; the budget holds a third of what it takes."""
+    rate = 0.3 * len(photograph(0)) / 1e3
+    budget = ImageBudget(ImageConfig(kilobytes_per_s=rate, burst_s=30, qualities=()))
+    ways_m = [*(0.06 * np.arange(60)), *(4 + 0.5 * np.arange(15))]
+    sent = [budget.fit(photograph(i), float(i), at(x)) is not None for i, x in enumerate(ways_m)]
+    creeping, touring = sum(sent[:60]), sum(sent[60:])
+    # 3.6 m of creeping hold about as many different views as 15 places 0.25 m apart
+    assert 8 <= creeping <= 20
+    assert touring >= 9
+    assert touring / 15 > 2 * creeping / 60
+
+
 def test_important_messages_overtake_images(tmp_path: Path) -> None:
     spool = Spool(tmp_path / "s", 10**9)
     for _ in range(5):
@@ -87,6 +120,30 @@ def test_unanswered_messages_wait_longer_each_time(tmp_path: Path) -> None:
     assert gaps.max() < 9
     window.settle(1, [], [])
     assert len(window) == 0
+    spool.close()
+
+
+def test_while_answers_come_what_was_lost_is_soon_sent_again(tmp_path: Path) -> None:
+    spool = Spool(tmp_path / "s", 10**9)
+    spool.add(Importance.COORDINATION, "odom", 0, b"x")
+    window, sent_s = SendWindow(WindowConfig(), spool), []
+    for step in range(60_000):
+        if step % 3000 == 0:
+            window.heard(step * 0.01)  # one answer in 30 s
+        sent_s += [step * 0.01] * len(window.due(step * 0.01))
+    assert np.diff(sent_s)[5:].max() < 2.3
+    assert np.diff(sent_s)[5:].min() > 1.7
+    spool.close()
+
+
+def test_radio_that_waits_for_answers_does_not_keep_odometry_out(tmp_path: Path) -> None:
+    spool = Spool(tmp_path / "s", 10**9)
+    for _ in range(500):
+        spool.add(Importance.RADIO, "csi", 0, b"x")
+    window = SendWindow(WindowConfig(), spool)
+    window.due(0.0)
+    spool.add(Importance.COORDINATION, "odom", 0, b"x")
+    assert [m.suffix for m, _ in window.due(0.1)] == ["odom"]
     spool.close()
 
 

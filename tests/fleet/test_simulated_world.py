@@ -1,5 +1,6 @@
 """True robots go where their programs want, if nothing is in the way."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -80,6 +81,28 @@ def test_a_goal_inside_something_is_not_gone_to(tmp_path: Path) -> None:
     truth = log_of(world.folder, 1, "alpha").ground_truth
     assert truth is not None
     assert np.allclose(truth.T_world_body[-1], bodies[4], atol=1e-6)
+
+
+def test_only_who_was_asked_moves_its_antenna(tmp_path: Path) -> None:
+    world = SimulatedWorld(tmp_path / "world", replace(CONFIG, measure="asked"))
+    for name, measures in (("alpha", True), ("beta", False)):
+        write_json(world.folder.wish(name, 1), {"T_here_body": None, "measures": measures})
+    world.run(lambda: world.legs == 2)
+
+    def observed_s(leg: int, robot: str) -> float:
+        """How long a robot moved while it stood at a stop and heard the other."""
+        log = log_of(world.folder, leg, robot)
+        truth = log.ground_truth
+        (track,) = log.csi.values()
+        assert truth is not None
+        T = se3.interpolate(truth.time_s, truth.T_world_body, track.time_s)
+        moves = np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1) > 1e-6
+        return float(np.diff(track.time_s)[moves].sum())
+
+    assert observed_s(0, "alpha") > 1.0, "before the base station says anything all measure"
+    assert observed_s(0, "beta") > 1.0
+    assert observed_s(1, "alpha") > 1.0
+    assert observed_s(1, "beta") < 0.2
 
 
 def test_an_earlier_world_is_not_written_over(tmp_path: Path) -> None:

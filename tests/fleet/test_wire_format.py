@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 
 from mulan.errors import InputError
 from mulan.fleet import acknowledgement, envelope
-from mulan.fleet.acknowledgement import Acknowledgement
+from mulan.fleet.acknowledgement import Acknowledgement, worth_telling
 from mulan.fleet.envelope import Envelope, EnvelopeError
 from mulan.fleet.names import RobotKey, check_mission_name, check_robot_name, parse_robot_key
 from mulan.fleet.refusals import LinkStatus, Refusal
@@ -56,6 +56,16 @@ def test_acknowledgement_survives_the_wire(
     assert acknowledgement.decode(sent.encode()) == sent
     with pytest.raises(EnvelopeError):
         acknowledgement.decode(sent.encode() + b"x")
+
+
+def test_an_answer_that_cannot_tell_all_tells_the_first_and_the_latest() -> None:
+    many = [(3 * n, 3 * n + 1) for n in range(1, 500)]
+    assert worth_telling(many[:100], [1]) == many[:100]
+    told = worth_telling(many, [1498, 700, 4])
+    assert len(told) <= acknowledgement.MOST_RANGES
+    assert told[:100] == many[:100]
+    assert told[-2:] == [(700, 700), (1498, 1498)]
+    assert Acknowledgement(LinkStatus.OPEN, 1, 2, 3, 4, 5, 6, 7, told).encode()
 
 
 def test_keys_name_mission_robot_and_topic() -> None:

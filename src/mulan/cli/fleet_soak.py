@@ -25,8 +25,8 @@ class Options:
     minutes: float = SoakConfig.minutes
     """How long."""
     recorded_share: float = SoakConfig.recorded_share
-    """The bag is replayed in this share of it, slower or faster than recorded (a simulated one lasts as long);
-    what was missed is sent in the rest."""
+    """The bag is replayed in this share of it, slower or faster than recorded; a simulated one lasts as long.
+    What was missed is sent in the rest."""
     loss: float = SoakConfig.loss
     """Messages lost, each way."""
     jitter_s: float = SoakConfig.jitter_s

@@ -1,14 +1,15 @@
 """Which photographs are sent and how strongly they are compressed, so that they fit a stated rate."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
 
 from mulan.fleet.token_bucket import TokenBucket
-from mulan.geometry import se3, so3
+from mulan.fleet.view_novelty import NoveltyConfig, ViewNovelty
 from mulan.mission import pixels
+
+_MOST_ASKED = 0.95  # of what a photograph can tell: from an empty purse nothing more can be asked for
 
 
 @dataclass(frozen=True)
@@ -21,10 +22,10 @@ class ImageConfig:
     """JPEG qualities tried from the best down when a photograph does not fit the budget."""
     burst_s: float = 5.0
     """So many seconds of budget may be spent at once."""
-    least_move_m: float = 0.05
-    """With a budget: a photograph from nearer than this to the last one sent, ..."""
-    least_turn_deg: float = 3.0
-    """... and turned by less than this, tells little new and is left out."""
+    novelty: NoveltyConfig = field(default_factory=NoveltyConfig)
+    """With a budget: what a photograph is expected to tell beside those already sent."""
+    least_gain_nats: float = 0.5
+    """With a budget: one expected to tell less is left out; the emptier the purse, the more it must tell."""
 
 
 class ImageBudget:
@@ -41,7 +42,7 @@ class ImageBudget:
         self._config = config
         rate = config.kilobytes_per_s * 1e3
         self._bucket = TokenBucket(rate, rate * config.burst_s)
-        self._last_sent: Float[NDArray, "4 4"] | None = None
+        self._novelty = ViewNovelty(config.novelty)
 
     def fit(self, data: bytes, time_s: float, T_odom_body: Float[NDArray, "4 4"] | None) -> bytes | None:
         """The photograph to send, or None to leave it out.
@@ -57,14 +58,22 @@ class ImageBudget:
         if self._config.kilobytes_per_s == 0:
             self.sent += 1
             return data
-        chosen = None if self._tells_little(T_odom_body) else self._compressed(data, time_s)
+        worth_it = T_odom_body is None or self._novelty.gain_nats(T_odom_body) >= self._needed_nats(time_s)
+        chosen = self._compressed(data, time_s) if worth_it else None
         if chosen is None:
             self.left_out += 1
             return None
         self.sent += 1
         self.recompressed += chosen is not data
-        self._last_sent = T_odom_body
+        if T_odom_body is not None:
+            self._novelty.add(T_odom_body)
         return chosen
+
+    def _needed_nats(self, time_s: float) -> float:
+        """From the least that is worth sending, with a full purse, to nearly all a photograph can tell."""
+        filled = self._bucket.available(time_s) / self._bucket.capacity
+        least = min(self._config.least_gain_nats, self._novelty.most_nats)
+        return least + (_MOST_ASKED * self._novelty.most_nats - least) * max(0.0, 1 - filled)
 
     def _compressed(self, data: bytes, time_s: float) -> bytes | None:
         # a file larger than the whole bucket would otherwise never be sent again once it is full
@@ -79,11 +88,3 @@ class ImageBudget:
             if fits and self._bucket.take(len(smaller), time_s):
                 return smaller
         return None
-
-    def _tells_little(self, T_odom_body: Float[NDArray, "4 4"] | None) -> bool:
-        if T_odom_body is None or self._last_sent is None:
-            return False
-        T = se3.inverse(self._last_sent) @ T_odom_body
-        turn_deg = np.degrees(np.linalg.norm(so3.log(T[:3, :3])))
-        moved_m = np.linalg.norm(T[:3, 3])
-        return bool(moved_m < self._config.least_move_m and turn_deg < self._config.least_turn_deg)

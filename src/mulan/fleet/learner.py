@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 from mulan.errors import InputError
 from mulan.fleet.growing_bag import GrowingBag
 from mulan.fleet.live_state import LiveRobot, LiveState, write_state
+from mulan.fleet.measurement_requests import measurement_requests
 from mulan.geometry import se3
 from mulan.localization.graph import LocalizationConfig
 from mulan.localization.localize import localize_from_measurements
 from mulan.localization.posed_images import localized_images
 from mulan.localization.run_files import write_localization
+from mulan.localization.scheduling import SchedulingConfig
 from mulan.localization.types import Localization
 from mulan.mission.nerfstudio import write_transforms
 from mulan.mission.posed_images import PosedImage, PosedImageSet
@@ -66,6 +68,10 @@ class LearnConfig:
     """Factor graph."""
     bearings: BearingConfig = field(default_factory=BearingConfig)
     """Radio bearings."""
+    requests: SchedulingConfig = field(
+        default_factory=lambda: SchedulingConfig(position_goal_m=0.05, heading_goal_deg=0.7, most=16)
+    )
+    """When a pair of robots is asked to measure."""
     looks: LookConfig = field(default_factory=lambda: LookConfig(columns=12, chosen_columns=24))
     """Rays of a look at a view, when goals are chosen."""
     plan: TeamPlanConfig = field(
@@ -186,8 +192,9 @@ class Learner:
         self._images = images
         write_transforms(images, self.run.transforms)
         self.training.show(images)
+        requests = measurement_requests(localization, self._config.requests)
         self._robots = {
-            robot.name: _live_robot(robot, localization)
+            robot.name: replace(_live_robot(robot, localization), measure_with=requests.get(robot.name))
             for robot in mission.robots
             if robot.name in localization.trajectories and robot.photos
         }

@@ -27,6 +27,8 @@ class LiveRobot:
         T_world_odom: Its odometry frame in the world, as it stood at that instant.
         T_body_camera: Its camera (OpenGL axes).
         T_world_camera_goal: Where its camera should go next; None where it may do as it likes.
+        measure_with: Whose answers its next antenna motion should hear; empty where none is needed, None
+            where that was not judged.
     """
 
     time_s: float
@@ -35,6 +37,7 @@ class LiveRobot:
     T_world_odom: Float[NDArray, "4 4"]
     T_body_camera: Float[NDArray, "4 4"]
     T_world_camera_goal: Float[NDArray, "4 4"] | None = None
+    measure_with: tuple[str, ...] | None = None
 
     def T_odom_body_goal(self, T_world_camera: Float[NDArray, "4 4"]) -> Float[NDArray, "4 4"]:
         """A camera goal as the robot understands it: its body's pose in its own odometry frame."""
@@ -76,6 +79,7 @@ def write_state(state: LiveState, run: RunFolder) -> None:
             "T_world_camera_goal": None
             if robot.T_world_camera_goal is None
             else robot.T_world_camera_goal.tolist(),
+            "measure_with": robot.measure_with,
         }
         for name, robot in state.robots.items()
     }
@@ -99,7 +103,7 @@ def read_state(run: RunFolder) -> LiveState:
 
 
 def _robot(entry: Mapping[str, Any]) -> LiveRobot:
-    goal = entry["T_world_camera_goal"]
+    goal, peers = entry["T_world_camera_goal"], entry.get("measure_with")
     return LiveRobot(
         float(entry["time_s"]),
         np.array(entry["T_world_body"], dtype=float).reshape(4, 4),
@@ -107,4 +111,5 @@ def _robot(entry: Mapping[str, Any]) -> LiveRobot:
         np.array(entry["T_world_odom"], dtype=float).reshape(4, 4),
         np.array(entry["T_body_camera"], dtype=float).reshape(4, 4),
         None if goal is None else np.array(goal, dtype=float).reshape(4, 4),
+        None if peers is None else tuple(str(peer) for peer in peers),
     )

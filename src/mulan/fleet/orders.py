@@ -1,8 +1,8 @@
-"""Poses and goals as ROS messages, from the run folder a learner writes to the robots."""
+"""Poses, goals and requests as ROS messages, from the run folder a learner writes to the robots."""
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,12 @@ def goal_message(name: str, T_odom_body: Float[NDArray, "4 4"], chosen_ns: int) 
     return ros.geometry_msgs__msg__PoseStamped(header, ros_poses.to_pose(T_odom_body))
 
 
+def request_message(name: str, peers: Sequence[str], asked_ns: int) -> Any:
+    """That a robot should move its antenna while these answer; the stamp tells one request from another."""
+    header = ros.std_msgs__msg__Header(to_stamp(asked_ns), RobotFrames(name).odom)
+    return messages.typestore().types[messages.REQUEST.msgtype](header, list(peers))
+
+
 def goal_of(message: Any) -> Float[NDArray, "4 4"]:
     """The body pose a goal message asks for.
 
@@ -62,6 +68,7 @@ class Orders:
         self._picked_file = run.root / "goals.json"
         self._seen = {path: _stamp(path) for path in (state_file(run), self._picked_file)}
         self._goals: dict[str, bytes] = {}
+        self._requests: dict[str, tuple[float, tuple[str, ...]]] = {}
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="orders", daemon=True)
         self._thread.start()
@@ -93,6 +100,15 @@ class Orders:
             self._base.order(name, messages.POSE, pose_message(robot))
             if robot.T_world_camera_goal is not None:
                 self._order(name, robot, robot.T_world_camera_goal, state.planned_ns)
+            self._request(name, robot)
+
+    def _request(self, name: str, robot: LiveRobot) -> None:
+        """Once for each pose found anew: planning writes the state again without new poses."""
+        if robot.measure_with is None or self._requests.get(name) == (robot.time_s, robot.measure_with):
+            return
+        self._requests[name] = robot.time_s, robot.measure_with
+        message = request_message(name, robot.measure_with, time.time_ns())
+        self._base.order(name, messages.REQUEST, message)
 
     def _send_picked(self, state: LiveState) -> None:
         for name, entry in read_json(self._picked_file, "mulan view").items():

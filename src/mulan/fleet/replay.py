@@ -2,24 +2,19 @@
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-import numpy as np
-from jaxtyping import Float
-from numpy.typing import NDArray
 from rosbags.rosbag2 import Reader
 
 from mulan.errors import InputError
 from mulan.fleet.content_checks import to_ns
-from mulan.fleet.image_budget import ImageBudget, ImageConfig
-from mulan.fleet.odometry_thinning import OdometryConfig, OdometryThinning
+from mulan.fleet.message_choice import MessageChoice, own_mounts
 from mulan.fleet.robot_link import RobotLink
-from mulan.fleet.spool import Spool, Unsent
+from mulan.fleet.spool import Spool
 from mulan.fleet.wire_topics import MOUNTS, WIRE_TOPICS, Importance
-from mulan.mission import bag_topics, messages, ros_poses
-from mulan.mission.ros_stamps import NANOSECONDS
+from mulan.mission import bag_topics, messages
 
 REPLAY_STARTED = "replay started"  # wall clock, noted in the spool
 
@@ -32,10 +27,6 @@ class ReplayConfig:
     """Mission bag to replay."""
     speed: float = 1.0
     """Times real time; 0 sends as fast as the link takes."""
-    odometry: OdometryConfig = field(default_factory=OdometryConfig)
-    """Dead reckoning sent."""
-    images: ImageConfig = field(default_factory=ImageConfig)
-    """Photographs sent."""
 
 
 @dataclass(frozen=True)
@@ -113,18 +104,17 @@ class Replay:
     """Feeds one robot's part of a bag to its link; begins where the last process stopped.
 
     Attributes:
-        images: What became of the photographs.
+        choice: What of the messages is sent.
         total, done: Messages of the robot in the bag, and how many were dealt with.
     """
 
-    def __init__(self, config: ReplayConfig, link: RobotLink, clock: RecordingClock) -> None:
-        self.images = ImageBudget(config.images)
+    def __init__(
+        self, config: ReplayConfig, choice: MessageChoice, link: RobotLink, clock: RecordingClock
+    ) -> None:
+        self.choice = choice
         self.total = 0
         self.done = 0
         self._config, self._link, self._clock = config, link, clock
-        self._thinning: OdometryThinning[bytes] = OdometryThinning(config.odometry)
-        self._truth_thinning: OdometryThinning[bytes] = OdometryThinning(config.odometry)
-        self._last_pose: Float[NDArray, "4 4"] | None = None
 
     def run(self, stop: Callable[[], bool] = lambda: False) -> None:
         """Replay until the end of the bag, or until told to stop.
@@ -154,31 +144,11 @@ class Replay:
 
     def _feed(self, recorded: _Recorded, again: bool) -> None:
         """Send what is due by a message; ``again`` only brings the choosers to where they were."""
-        chosen = self._chosen(recorded)
+        chosen = self.choice.of(recorded.suffix, recorded.record_ns, recorded.message, recorded.payload)
         if again:
             return
         if chosen:  # else the next one that is sent keeps the place
             self._link.send_all(chosen, self.done)
-
-    def _chosen(self, recorded: _Recorded) -> list[Unsent]:
-        suffix, record_ns, message = recorded.suffix, recorded.record_ns, recorded.message
-        own = [Unsent(WIRE_TOPICS[suffix].importance, suffix, record_ns, recorded.payload)]
-        if suffix == messages.ODOMETRY.suffix:
-            self._last_pose = _pose(message)
-            return _poses(suffix, self._thinning.odometry(record_ns, recorded.payload))
-        if suffix == messages.GROUND_TRUTH.suffix:
-            return _poses(suffix, self._truth_thinning.odometry(record_ns, recorded.payload))
-        if suffix == messages.CSI.suffix:
-            return _poses(messages.ODOMETRY.suffix, self._thinning.packet(record_ns)) + own
-        if suffix == messages.IMAGE.suffix:
-            fitted = self.images.fit(message.data.tobytes(), record_ns / NANOSECONDS, self._last_pose)
-            if fitted is None:
-                return []
-            payload = recorded.payload if len(fitted) == len(message.data) else _image(message, fitted)
-            poses = _poses(messages.ODOMETRY.suffix, self._thinning.photograph())
-            truth = _poses(messages.GROUND_TRUTH.suffix, self._truth_thinning.photograph())
-            return [*poses, *truth, Unsent(Importance.IMAGE, suffix, record_ns, payload)]
-        return own
 
     def _suffix(self, topic: str) -> str | None:
         """The wire's name of one of this robot's topics in the bag; None for any other."""
@@ -203,27 +173,10 @@ class Replay:
             message: Any = store.deserialize_cdr(data, connection.msgtype)
             payload = bytes(data)
             if suffix == MOUNTS.suffix:
-                prefix = f"{self._link.config.name}/"
-                mine = [t for t in message.transforms if t.child_frame_id.startswith(prefix)]
-                if not mine:
+                message = own_mounts(message, self._link.config.name)
+                if message is None:
                     continue
-                message = type(message)(mine)
                 payload = bytes(store.serialize_cdr(message, MOUNTS.msgtype))
             stamped = entry.importance is not Importance.CALIBRATION
             record_ns = to_ns(message.header.stamp) if stamped else log_ns
             yield _Recorded(suffix, log_ns, record_ns, payload, message)
-
-
-def _poses(suffix: str, found: list[tuple[int, bytes, Importance]]) -> list[Unsent]:
-    truth = suffix == messages.GROUND_TRUTH.suffix
-    return [Unsent(Importance.EVALUATION if truth else i, suffix, t, data) for t, data, i in found]
-
-
-def _pose(message: Any) -> Float[NDArray, "4 4"]:
-    p, q = message.pose.pose.position, message.pose.pose.orientation
-    return ros_poses.to_matrices(np.array([[p.x, p.y, p.z]]), np.array([[q.x, q.y, q.z, q.w]]))[0]
-
-
-def _image(message: Any, data: bytes) -> bytes:
-    made = type(message)(message.header, "jpeg", np.frombuffer(data, np.uint8))
-    return bytes(messages.typestore().serialize_cdr(made, messages.IMAGE.msgtype))

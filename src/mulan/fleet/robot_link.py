@@ -4,7 +4,7 @@ import secrets
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,7 @@ from mulan.fleet.verdict import GOODBYE, GREETING
 from mulan.fleet.wire_topics import CLOCK, WIRE_TOPICS, Importance, type_hash
 from mulan.fleet.zenoh_session import LinkConfig, open_robot_session
 from mulan.mission import messages
+from mulan.mission.messages import Topic
 
 _GREET_EVERY_S = 1.0
 _KNOCK_EVERY_S = 0.25  # until the base station has answered for the first time
@@ -105,7 +106,7 @@ class RobotLink:
         clock_ns: Callable[[], int] = time.time_ns,
         tell: Callable[[str], object] = lambda _: None,
         version: int = PROTOCOL_VERSION,
-        on_goal: Callable[[Any], object] | None = None,
+        orders: Mapping[Topic, Callable[[Any], object]] | None = None,
     ) -> None:
         """Open the spool and the network; sending begins at once.
 
@@ -114,8 +115,8 @@ class RobotLink:
             clock_ns: The robot's clock, the one its messages are stamped with.
             tell: Called with a sentence when something happens that a person should know.
             version: Protocol version to claim; for tests.
-            on_goal: Called with every ``geometry_msgs/PoseStamped`` the base station sends, a goal again and
-                again; by a thread of its own.
+            orders: By topic, what is called with every message the base station sends on it, the same one
+                again and again; by a thread of its own.
 
         Raises:
             InputError: A name or the endpoint is not valid, or the spool cannot be used.
@@ -144,16 +145,11 @@ class RobotLink:
             raise
         self._out = LossyLink(config.loss, self._put, 0)
         self._in = LossyLink(config.loss, self._hear, 1)
-        self._goals_in = LossyLink(config.loss, self._hear_goal, 2)
-        self._on_goal = on_goal
+        self._orders_in: list[LossyLink[bytes]] = []
         self._subscriber = self._session.declare_subscriber(
             acknowledgement_key(config.mission, config.name), lambda s: self._in.send(s.payload.to_bytes())
         )
-        if on_goal is not None:
-            self._goal_subscriber = self._session.declare_subscriber(
-                order_key(config.mission, config.name, messages.GOAL.suffix),
-                lambda s: self._goals_in.send(s.payload.to_bytes()),
-            )
+        self._order_subscribers = [self._listen(topic, act) for topic, act in (orders or {}).items()]
         self._thread = threading.Thread(target=self._work, name=f"link of {config.name}", daemon=True)
         self._thread.start()
 
@@ -206,7 +202,8 @@ class RobotLink:
         time.sleep(self.config.loss.delay_s + self.config.loss.jitter_s)
         self._out.close()
         self._in.close()
-        self._goals_in.close()
+        for link in self._orders_in:
+            link.close()
         self._session.close()
         self.spool.close()
 
@@ -297,13 +294,22 @@ class RobotLink:
             self._heed(answer, returned_ns)
             self._changed.notify()
 
-    def _hear_goal(self, payload: bytes) -> None:
-        assert self._on_goal is not None
-        try:
-            goal = messages.typestore().deserialize_cdr(payload, messages.GOAL.msgtype)
-        except Exception:  # generated code: short data surfaces as whatever the field's reader raises
-            return
-        self._on_goal(goal)
+    def _listen(self, topic: Topic, act: Callable[[Any], object]) -> zenoh.Subscriber[Any]:
+        """Call with what the base station says on a topic."""
+
+        def hear(payload: bytes) -> None:
+            try:
+                order = messages.typestore().deserialize_cdr(payload, topic.msgtype)
+            except Exception:  # generated code: short data surfaces as whatever the field's reader raises
+                return
+            act(order)
+
+        link = LossyLink(self.config.loss, hear, 2 + len(self._orders_in))
+        self._orders_in.append(link)
+        return self._session.declare_subscriber(
+            order_key(self.config.mission, self.config.name, topic.suffix),
+            lambda sample: link.send(sample.payload.to_bytes()),
+        )
 
     def _heed(self, answer: Acknowledgement, returned_ns: int) -> None:
         now_s = time.monotonic()

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mulan.errors import InputError
+from mulan.fleet.message_choice import MessageChoice
 from mulan.fleet.orders import goal_of
 from mulan.fleet.replay import RecordingClock, Replay, ReplayConfig
 from mulan.fleet.robot_link import RobotLink
@@ -45,6 +46,35 @@ class GoalInbox:
             return message
 
 
+class RequestInbox:
+    """Whether the robot should move its antenna now.
+
+    Attributes:
+        received: Different requests that came.
+    """
+
+    def __init__(self) -> None:
+        self.received = 0
+        self._lock = threading.Lock()
+        self._peers: tuple[str, ...] = ()
+        self._last_stamp: tuple[int, int] | None = None
+
+    def put(self, message: Any) -> None:
+        """Take a request in; one that is repeated is no new one."""
+        stamp = int(message.header.stamp.sec), int(message.header.stamp.nanosec)
+        with self._lock:
+            if stamp != self._last_stamp:
+                self._last_stamp, self._peers = stamp, tuple(message.peers)
+                self.received += 1
+
+    def take(self) -> bool:
+        """Whether to measure; a request is answered once. Who was never told anything always measures."""
+        with self._lock:
+            asked = self._last_stamp is None or bool(self._peers)
+            self._peers = ()
+            return asked
+
+
 class SimulatedRobot(Replay):
     """Sends what its sensors record leg by leg; between two legs it says where it wants to go.
 
@@ -53,19 +83,28 @@ class SimulatedRobot(Replay):
     """
 
     def __init__(
-        self, world: Path, config: ReplayConfig, link: RobotLink, clock: RecordingClock, goals: GoalInbox
+        self,
+        world: Path,
+        config: ReplayConfig,
+        choice: MessageChoice,
+        link: RobotLink,
+        clock: RecordingClock,
+        goals: GoalInbox,
+        requests: RequestInbox,
     ) -> None:
         """Prepare.
 
         Args:
             world: Folder of the world.
-            config: What of the recordings is sent.
+            config: Pace.
+            choice: What of the recordings is sent.
             link: Link to the base station.
             clock: The mission's time.
             goals: Where the link puts goals.
+            requests: Where it puts requests to measure.
         """
-        super().__init__(config, link, clock)
-        self._world, self._goals = WorldFolder(world), goals
+        super().__init__(config, choice, link, clock)
+        self._world, self._goals, self._requests = WorldFolder(world), goals, requests
 
     def _bags(self, stop: Callable[[], bool]) -> Iterator[Path]:
         name, number, said = self._link.config.name, 0, -1
@@ -81,16 +120,17 @@ class SimulatedRobot(Replay):
             else:
                 if said != number and number:
                     said = number
-                    write_json(self._world.wish(name, number), {"T_here_body": self._wanted()})
+                    wish = {"T_here_body": self._wanted(), "measures": self._requests.take()}
+                    write_json(self._world.wish(name, number), wish)
                 time.sleep(_LOOK_EVERY_S)
 
     def _wanted(self) -> list[list[float]] | None:
         """The goal's pose in the body's frame; None without a goal that can be understood."""
         message = self._goals.take()
-        if message is None or self._last_pose is None:
+        if message is None or self.choice.last_pose is None:
             return None
         try:
-            return (se3.inverse(self._last_pose) @ goal_of(message)).tolist()
+            return (se3.inverse(self.choice.last_pose) @ goal_of(message)).tolist()
         except ValueError:
             return None
 

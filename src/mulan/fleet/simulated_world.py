@@ -4,7 +4,7 @@ One folder stands between the world's program and the robots':
 
 - ``world.json`` when there is a world,
 - ``leg_000/<robot>.mcap``, ... what each robot records on a leg, all of a leg at once,
-- ``<robot>/wish_001.json``, ... where a robot wants to go on a leg,
+- ``<robot>/wish_001.json``, ... where a robot wants to go on a leg, and whether it measures,
 - ``over.json`` when nothing more will happen.
 """
 
@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -48,6 +49,9 @@ class WorldConfig:
     """Wall-clock time after which no further leg begins."""
     photos_per_leg: int = 3
     """Photographs of each robot on the way of a leg."""
+    measure: Literal["always", "asked"] = "always"
+    """Robots move their antennas on every leg, or only on those on which the base station asked them to (and
+    as long as it has not said anything)."""
     patience_s: float = 15.0
     """A robot that does not say for so long where it wants to go takes no part in a leg."""
     scene: SceneMissionConfig = field(
@@ -92,6 +96,19 @@ class WorldFolder:
     def wish(self, robot: str, leg: int) -> Path:
         """Where a robot wants to go on a leg."""
         return self.root / robot / f"wish_{leg:03d}.json"
+
+
+@dataclass(frozen=True)
+class _Wish:
+    """What a robot wants on a leg.
+
+    Attributes:
+        goal: True camera pose to go to; None where it may go on along its tour.
+        measures: Whether it moves its antenna.
+    """
+
+    goal: Camera | None
+    measures: bool
 
 
 class SimulatedWorld:
@@ -142,45 +159,45 @@ class SimulatedWorld:
             InputError: The disk is full.
         """
         until_s = time.monotonic() + 60 * self._config.minutes
-        present = set(self._names)
         while not stop() and time.monotonic() < until_s:
-            goals: dict[str, Camera | None] = dict.fromkeys(present)
-            if self.legs:
-                goals = self._wishes(stop)
-            if goals:
-                self._drive(goals)
+            wishes = self._wishes(stop) if self.legs else dict.fromkeys(self._names, _Wish(None, True))
+            if wishes:
+                self._drive(wishes)
         write_json(self.folder.over, {"legs": self.legs, "obeyed": self.obeyed})
 
-    def _wishes(self, stop: Callable[[], bool]) -> dict[str, Camera | None]:
-        """True camera goals of the robots that say in time where they want to go."""
+    def _wishes(self, stop: Callable[[], bool]) -> dict[str, "_Wish"]:
+        """Of the robots that say in time where they want to go."""
         until_s = time.monotonic() + self._config.patience_s
         wanted = {name: self.folder.wish(name, self.legs) for name in self._names}
         while not stop() and time.monotonic() < until_s and not all(p.exists() for p in wanted.values()):
             time.sleep(_LOOK_EVERY_S)
-        found: dict[str, Camera | None] = {}
+        found: dict[str, _Wish] = {}
         for name, path in wanted.items():
             if not path.exists():
                 continue
-            T_here_body = read_json(path, "mulan fleet robot").get("T_here_body")
-            found[name] = None
+            wish = read_json(path, "mulan fleet robot")
+            T_here_body, goal = wish.get("T_here_body"), None
             if T_here_body is not None:
                 # a robot drives by what it sees of its own motion, not by where it truly is
                 T_world_body = self._team.T_world_body[name] @ np.array(T_here_body, dtype=float)
-                found[name] = T_world_body @ T_BODY_CAMERA
+                goal = T_world_body @ T_BODY_CAMERA
+            found[name] = _Wish(goal, bool(wish.get("measures", True)))
         return found
 
-    def _drive(self, goals: Mapping[str, Camera | None]) -> None:
+    def _drive(self, wishes: Mapping[str, "_Wish"]) -> None:
         """One leg of those who take part."""
+        always = self._config.measure == "always"
+        measuring = {name for name, wish in wishes.items() if always or wish.measures}
         ways: dict[str, Float[NDArray, "n 4 4"]] = {}
         ends: dict[str, Camera | None] = {}
-        for name in (name for name in self._names if name in goals):
-            ways[name] = self._way(name, goals[name], ends)
+        for name in (name for name in self._names if name in wishes):
+            ways[name] = self._way(name, wishes[name].goal, ends)
             ends[name] = ways[name][-1]
         try:
-            logs = self._team.tour(ways)
+            logs = self._team.tour(ways, measuring)
         except CollisionError as error:
             self._tell(f"{error}; all stay on this leg")
-            logs = self._team.tour({name: way[:1] for name, way in ways.items()})
+            logs = self._team.tour({name: way[:1] for name, way in ways.items()}, measuring)
         beside = self.folder.root / ".leg"
         shutil.rmtree(beside, ignore_errors=True)
         for log in logs:

@@ -7,6 +7,7 @@ from typing import Any
 from mulan.fleet.base_station import BaseStation
 from mulan.fleet.replay import Replay
 from mulan.fleet.robot_link import RobotLink
+from mulan.fleet.ros_robot import RosRobot
 
 
 def peak_memory_mb() -> float:
@@ -43,7 +44,7 @@ def base_status(base: BaseStation) -> dict[str, Any]:
     }
 
 
-def robot_status(link: RobotLink, replay: Replay) -> dict[str, Any]:
+def robot_status(link: RobotLink, source: Replay | RosRobot) -> dict[str, Any]:
     """Figures of a robot since its process started; what concerns the spool, since that was made."""
     counts, clock = link.counts, link.clock.estimate
     return {
@@ -62,12 +63,12 @@ def robot_status(link: RobotLink, replay: Replay) -> dict[str, Any]:
         "bases": counts.bases,
         "clock_offset_s": None if clock is None else clock.offset_ns * 1e-9,
         "clock_bound_s": None if clock is None else clock.bound_ns * 1e-9,
-        "replayed": replay.done,
-        "to_replay": replay.total,
+        "replayed": source.done,
+        "to_replay": source.total,
         "images": {
-            "sent": replay.images.sent,
-            "recompressed": replay.images.recompressed,
-            "left_out": replay.images.left_out,
+            "sent": source.choice.images.sent,
+            "recompressed": source.choice.images.recompressed,
+            "left_out": source.choice.images.left_out,
         },
         "peak_memory_mb": peak_memory_mb(),
     }

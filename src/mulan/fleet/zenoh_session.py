@@ -63,18 +63,32 @@ def open_robot_session(link: LinkConfig, robot: str) -> zenoh.Session:
     Raises:
         InputError: The endpoint is not one, or the keys are not there.
     """
-    options: dict[str, Any] = {
-        # not "client", which waits for the base station before it opens
+    options = _connecting(link.endpoint)
+    if link.keys is not None:
+        options |= _tls(link, robot)
+    return _open(link, options, "name the base station's address, such as tcp/192.168.1.10:7447")
+
+
+def open_bridge_session(endpoint: str) -> zenoh.Session:
+    """A session with a zenoh-bridge-ros2dds; it connects as soon as the bridge is there, again and again.
+
+    Raises:
+        InputError: The endpoint is not one.
+    """
+    remedy = "name the address the bridge listens at, such as tcp/127.0.0.1:7447"
+    return _open(LinkConfig(endpoint), _connecting(endpoint), remedy)
+
+
+def _connecting(endpoint: str) -> dict[str, Any]:
+    return {
+        # not "client", which waits for the other side before it opens
         "mode": "peer",
         "listen/endpoints": [],
-        "connect/endpoints": [link.endpoint],
+        "connect/endpoints": [endpoint],
         "connect/timeout_ms": -1,
         "connect/exit_on_failure": False,
         "connect/retry": {"period_init_ms": 200, "period_max_ms": 2000, "period_increase_factor": 2},
     }
-    if link.keys is not None:
-        options |= _tls(link, robot)
-    return _open(link, options, "name the base station's address, such as tcp/192.168.1.10:7447")
 
 
 def _open(link: LinkConfig, options: Mapping[str, Any], remedy: str) -> zenoh.Session:

@@ -1,4 +1,4 @@
-"""The topics of a mission bag and their ROS 2 message types, with the two messages ROS lacks."""
+"""The topics of a mission bag and their ROS 2 message types, with the three messages ROS lacks."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -25,8 +25,15 @@ float64 range_m            # antenna to antenna
 float64 sigma_m            # standard deviation
 """
 
+REQUEST_DEFINITION = """\
+# The base station asks a robot to move its antenna on a short loop while others answer its packets.
+std_msgs/Header header     # when it was asked, on the base station's clock; frame: the robot's odometry
+string[] peers             # who should answer; nobody: nothing needs to be measured for now
+"""
+
 CSI_TYPE = "mulan_msgs/msg/Csi"
 RANGE_TYPE = "mulan_msgs/msg/Range"
+REQUEST_TYPE = "mulan_msgs/msg/MeasurementRequest"
 
 
 @dataclass(frozen=True)
@@ -54,6 +61,7 @@ RANGE = Topic("range", RANGE_TYPE)
 GROUND_TRUTH = Topic("ground_truth", "geometry_msgs/msg/PoseStamped")
 GOAL = Topic("goal_pose", "geometry_msgs/msg/PoseStamped")  # sent to a robot, not recorded by it
 POSE = Topic("pose", "geometry_msgs/msg/PoseWithCovarianceStamped")  # body in world, from the base station
+REQUEST = Topic("measurement_request", REQUEST_TYPE)  # sent to a robot
 ROBOT_TOPICS = (IMAGE, CAMERA_INFO, ODOMETRY, CSI, RANGE, GROUND_TRUTH)
 
 HELD_OUT = "held_out"  # the namespace of test views; no robot may have this name
@@ -101,4 +109,5 @@ def typestore() -> Typestore:
     store = get_typestore(Stores.ROS2_JAZZY)
     store.register(get_types_from_msg(CSI_DEFINITION, CSI_TYPE))
     store.register(get_types_from_msg(RANGE_DEFINITION, RANGE_TYPE))
+    store.register(get_types_from_msg(REQUEST_DEFINITION, REQUEST_TYPE))
     return store

@@ -1,6 +1,6 @@
 """Robots in a rendered world that go where they are told, photograph and measure; the mission grows."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from copy import copy
 from dataclasses import dataclass, field
 
@@ -101,8 +101,16 @@ class TeamInWorld:
         photos = tuple(self._photograph(T, 2, float(k)) for k, T in enumerate(T_world_camera))
         self._held_out = HeldOutViews(self.camera, photos, T_world_camera)
 
-    def tour(self, T_world_camera: Mapping[str, Float[NDArray, "n 4 4"]]) -> tuple[RobotLog, ...]:
+    def tour(
+        self,
+        T_world_camera: Mapping[str, Float[NDArray, "n 4 4"]],
+        measuring: Collection[str] | None = None,
+    ) -> tuple[RobotLog, ...]:
         """Pass the given views, the first of which is where the robot stands, and photograph all of them.
+
+        Args:
+            T_world_camera: True camera poses by robot.
+            measuring: Who moves its antenna at the stops; everyone if not given.
 
         Returns:
             What was recorded on the way.
@@ -110,7 +118,7 @@ class TeamInWorld:
         Raises:
             CollisionError: A robot would run into something.
         """
-        return self._drive(T_world_camera, dict.fromkeys(T_world_camera, 0))
+        return self._drive(T_world_camera, dict.fromkeys(T_world_camera, 0), measuring)
 
     def go(self, T_world_camera: Mapping[str, Float[NDArray, "4 4"] | None]) -> tuple[RobotLog, ...]:
         """Go straight to a view each and photograph there; who has None stays, and still measures.
@@ -159,11 +167,15 @@ class TeamInWorld:
         return T_world_body[:3, 3] + offset @ level_axes(T_world_body[None, :3, :3])[0].T
 
     def _drive(
-        self, ways: Mapping[str, Float[NDArray, "n 4 4"]], first_photograph: Mapping[str, int]
+        self,
+        ways: Mapping[str, Float[NDArray, "n 4 4"]],
+        first_photograph: Mapping[str, int],
+        measuring: Collection[str] | None = None,
     ) -> tuple[RobotLog, ...]:
         metres_per_radian = self._config.tour.speed_m_per_s / self._config.tour.turn_rate_rad_per_s
         paths = [view_path(body_poses(way), metres_per_radian) for way in ways.values()]
-        motions = dict(zip(ways, plan_motions(paths, self._config.tour), strict=True))
+        moving = None if measuring is None else [i for i, name in enumerate(ways) if name in measuring]
+        motions = dict(zip(ways, plan_motions(paths, self._config.tour, moving), strict=True))
         self._check(motions)
         photos = {
             name: tuple(

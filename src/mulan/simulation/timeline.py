@@ -1,6 +1,6 @@
 """Who moves when: every robot tours its views; at each round all stop and wave their antenna in turn."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -122,8 +122,16 @@ def stop_views(views: int, rounds: int) -> Int[NDArray, "rounds"]:
     return np.round(np.linspace(0, views - 1, rounds)).astype(int)
 
 
-def plan_motions(paths: Sequence[ViewPath], config: TourConfig) -> tuple[RobotMotion, ...]:
-    """Motions of all robots on one clock, apertures strictly one after another."""
+def plan_motions(
+    paths: Sequence[ViewPath], config: TourConfig, measuring: Collection[int] | None = None
+) -> tuple[RobotMotion, ...]:
+    """Motions of all robots on one clock, apertures strictly one after another.
+
+    Args:
+        paths: Of each robot.
+        config: The pace.
+        measuring: Numbers of the robots that move their antenna at the stops; all if not given.
+    """
     stops = [stop_views(len(path.knot_m), config.rounds) for path in paths]
     at = [0] * len(paths)
     photos = [np.full(len(path.knot_m), config.settle_s) for path in paths]
@@ -144,7 +152,7 @@ def plan_motions(paths: Sequence[ViewPath], config: TourConfig) -> tuple[RobotMo
             at[r] = goal
         clock_s = arrival_s + config.settle_s
         if turn < config.rounds:
-            for r in range(len(paths)):
+            for r in range(len(paths)) if measuring is None else sorted(measuring):
                 apertures[r].append((clock_s, clock_s + config.aperture.duration_s))
                 clock_s += config.aperture.duration_s + config.settle_s
     motions = []
