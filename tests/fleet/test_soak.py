@@ -42,7 +42,15 @@ def test_lag_counts_from_when_a_message_was_recorded(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("soak") / "mission.mcap"
-    config = SoakMissionConfig(robots=2, packets_per_second=60.0, round_every_s=20.0, photograph_every_s=8.0)
+    config = SoakMissionConfig(
+        robots=2,
+        packets_per_second=60.0,
+        round_every_s=20.0,
+        photograph_every_s=8.0,
+        width=24,
+        height=18,
+        samples_per_pixel=1,
+    )
     simulate_soak_mission(config, 40.0, 3, path)
     return path
 

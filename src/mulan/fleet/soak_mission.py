@@ -27,6 +27,12 @@ class SoakMissionConfig:
     """Every robot moves its antenna once in so long, or as often as there is time for."""
     photograph_every_s: float = 10.0
     """Every robot photographs once in so long."""
+    width: int = 96
+    """Image width in pixels."""
+    height: int = 72
+    """Image height in pixels."""
+    samples_per_pixel: int = 8
+    """Light paths a pixel."""
 
 
 def simulate_soak_mission(config: SoakMissionConfig, duration_s: float, seed: int, bag: Path) -> None:
@@ -43,9 +49,9 @@ def simulate_soak_mission(config: SoakMissionConfig, duration_s: float, seed: in
         robots=config.robots,
         photos_per_robot=max(rounds, 8, round(duration_s / config.photograph_every_s)),
         held_out=0,
-        width=96,
-        height=72,
-        samples_per_pixel=8,
+        width=config.width,
+        height=config.height,
+        samples_per_pixel=config.samples_per_pixel,
         seed=seed,
         sensors=SensorConfig(radio=RadioConfig(packets_per_second=config.packets_per_second)),
     )
