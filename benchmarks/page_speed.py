@@ -67,7 +67,10 @@ class Options:
 def shown(browser: Chromium) -> bool:
     """Whether the left half of the window shows more than a plain colour."""
     with TemporaryDirectory() as folder:
-        data = browser.screenshot(Path(folder) / "shot.png").read_bytes()
+        try:
+            data = browser.screenshot(Path(folder) / "shot.png").read_bytes()
+        except AssertionError:
+            return False  # the browser is between two pages
     pixels = np.asarray(Image.open(io.BytesIO(data)).convert("RGB"), float)
     return pixels[:, : pixels.shape[1] // 2].std() > _FEWEST_SHADES
 

@@ -48,16 +48,19 @@ class LearnConfig:
 
     round_s: float = 10.0
     """Seconds of learning between two looks at the bag; longer where looking takes longer."""
-    fewest_photographs: int = 6
-    """Nothing is learnt from fewer."""
+    fewest_photographs: int = 12
+    """Nothing is learnt from fewer: where the scene lies must be seen, or the field is soon begun anew."""
     margin_s: float = 1.0
     """What is newer than a robot's newest odometry less this waits for the next look: it may lack parts."""
     hold_out_every: int = 8
     """Every n-th photograph of a robot is held out, for the training curve; 0 holds out none."""
     idle_s: float = 300.0
     """Learning stands still when nothing has come for so long."""
-    cool_down_share: float = 0.25
-    """At the end the learning rate falls over this share of the time learnt until then."""
+    settle_share: float = 1.0
+    """At the end the field learns from the finished bag for this share of the time learnt until then, while
+    the learning rate falls, ..."""
+    most_settle_s: float = 300.0
+    """... but no longer than this."""
     goals: bool = True
     """Choose where robots should look next."""
     seen_views: int = 12
@@ -233,8 +236,9 @@ class Learner:
         if self._images is None or self.training.engine is None:
             self._say("the bag ended before anything could be learnt from it")
             return
-        share = self._config.cool_down_share
-        self.training.cool_down(max(share * self.training.progress.seconds, self._config.round_s), stop)
+        config, learnt_s = self._config, self.training.progress.seconds
+        settle_s = min(config.settle_share * learnt_s, config.most_settle_s)
+        self.training.cool_down(max(settle_s, config.round_s), stop)
         self.training.save()
         if stop():
             return
