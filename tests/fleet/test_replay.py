@@ -129,8 +129,18 @@ def test_while_answers_come_what_was_lost_is_soon_sent_again(tmp_path: Path) -> 
         if step % 600 == 0:
             window.heard(step * 0.05)  # one answer in 30 s
         sent_s += [step * 0.05] * len(window.due(step * 0.05))
-    assert np.diff(sent_s).max() < 0.65
-    assert np.diff(sent_s)[1:].min() > 0.4
+    assert np.diff(sent_s).max() < 2.3
+    # a link on which most messages took many attempts is tried again at the pace of its round trips
+    for _ in range(100):
+        sequence = spool.add(Importance.COORDINATION, "odom", 0, b"x")
+        for step in range(8):
+            window.due(100.0 + 1000 * sequence + 30 * step)
+        window.settle(sequence, [], [])
+    begin_s = 1e6
+    spool.add(Importance.COORDINATION, "odom", 0, b"x")
+    window.heard(begin_s)
+    sent_s = [begin_s + 0.05 * i for i in range(100) if window.due(begin_s + 0.05 * i)]
+    assert np.diff(sent_s)[:6].max() < 0.65
     spool.close()
 
 

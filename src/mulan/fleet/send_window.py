@@ -14,6 +14,8 @@ _FEWEST = 64  # messages always allowed under way
 _SPARE = 64  # more of those that come first
 _PROMPT_S = 0.5  # an answer may wait this long for others at the base station
 _ANSWER_EVERY_S = 0.2  # of the base station
+_REMEMBERED = 32  # messages whose attempts count
+_USUAL = 2.0  # times the attempts lost on average are still nothing unusual
 _MOST_ANSWERS = 12.0  # that one which came may stand for
 
 
@@ -29,9 +31,11 @@ class WindowConfig:
     """Time to wait for an answer before sending again, until round trips have been measured."""
     longest_wait_s: float = 20.0
     """This wait doubles at every attempt up to here while nothing is heard."""
+    longest_wait_heard_s: float = 2.0
+    """And only up to here while answers come; and it begins to grow only after as many attempts as messages
+    take on average, so that over a link that loses nearly everything it does not."""
     heard_for_s: float = 60.0
-    """An answer tells for so long that the link is there; then the wait does not grow, for what is missing
-    was lost."""
+    """An answer tells for so long that the link is there."""
     again_per_s: float = 400.0
     """Most messages sent again a second."""
     kilobytes_per_s: float = 4000.0
@@ -60,6 +64,7 @@ class SendWindow:
         self._widened_s, self._narrowed_s = time.monotonic(), float("-inf")
         self._shortest_s = float("inf")
         self._heard_s = float("-inf")
+        self._attempts = 1.0  # that messages took on average
         self._round_trip_s: float | None = None
         self._spread_s = 0.0
         self._rng = np.random.default_rng()
@@ -78,10 +83,11 @@ class SendWindow:
 
     @property
     def wait_s(self) -> float:
-        """Time an answer is given to come: RFC 6298, with the answers' own delay in it."""
+        """Time an answer is given to come: RFC 6298, and as long as an answer waits for others."""
         if self._round_trip_s is None:
             return self.config.first_wait_s
-        return float(np.clip(self._round_trip_s + 4 * self._spread_s, 0.1, self.config.longest_wait_s))
+        waited_s = self._round_trip_s + 4 * self._spread_s + _ANSWER_EVERY_S
+        return float(np.clip(waited_s, 0.1, self.config.longest_wait_s))
 
     def heard(self, now_s: float) -> None:
         """Take note that an answer came."""
@@ -116,14 +122,17 @@ class SendWindow:
         """What to send now, and whether it was sent before."""
         found: list[tuple[Spooled, bool]] = []
         heard = now_s - self._heard_s < self.config.heard_for_s
-        longest_s = self.wait_s if heard else self.config.longest_wait_s
+        longest_s = self.config.longest_wait_s
+        if heard:
+            longest_s = min(longest_s, max(self.config.longest_wait_heard_s, self.wait_s))
         overdue = [u for u in self._under_way.values() if u.due_s <= now_s]
         for under_way in sorted(overdue, key=lambda u: (u.message.importance, u.message.sequence)):
             if self._again_rate.available(now_s) < 1 or not self._may_send(under_way.message, now_s):
                 break
             self._again_rate.take(1, now_s)
-            wait_s = min(self.wait_s * 2**under_way.attempts, longest_s)
-            under_way.attempts = min(under_way.attempts + 1, 16)
+            beyond = max(0.0, under_way.attempts - _USUAL * (self._attempts - 1))
+            wait_s = min(self.wait_s * 2.0 ** min(beyond, 16.0), longest_s)
+            under_way.attempts += 1
             under_way.due_s = now_s + wait_s * float(self._rng.uniform(0.9, 1.1))
             found.append((under_way.message, True))
         for importance in Importance:
@@ -143,7 +152,9 @@ class SendWindow:
             for n in self._under_way
             if n <= through or n in refused or any(first <= n <= last for first, last in beyond)
         ]:
-            self._bytes -= len(self._under_way.pop(sequence).message.payload)
+            settled = self._under_way.pop(sequence)
+            self._bytes -= len(settled.message.payload)
+            self._attempts += (settled.attempts - self._attempts) / _REMEMBERED
 
     def hurry(self) -> None:
         """The link is back: send everything under way again, without waiting."""

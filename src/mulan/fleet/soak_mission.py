@@ -3,16 +3,16 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from mulan.mission.bag_writer import write_mission
 from mulan.simulation.from_scene import SceneMissionConfig, robot_cameras, simulate_from_scene
 from mulan.simulation.radio import RadioConfig
-from mulan.simulation.recording import SensorConfig
-from mulan.simulation.timeline import TourConfig
+from mulan.simulation.recording import SensorConfig, body_poses
+from mulan.simulation.timeline import TourConfig, plan_motions
+from mulan.simulation.tour import view_path
 
 _MEASURING_SHARE = 0.6  # most of the mission that may be spent standing and measuring
 _FASTEST_M_PER_S = 1.0
+_TRIES = 4  # at finding the speed that fills the time
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def simulate_soak_mission(config: SoakMissionConfig, duration_s: float, seed: in
     aperture_s = TourConfig().aperture.duration_s + TourConfig().settle_s
     most_rounds = _MEASURING_SHARE * duration_s / (aperture_s * config.robots)
     rounds = max(2, round(min(duration_s / config.round_every_s, most_rounds)))
-    driving_s = duration_s - rounds * aperture_s * config.robots
+    measuring_s = rounds * aperture_s * config.robots
     scene = SceneMissionConfig(
         robots=config.robots,
         photos_per_robot=max(rounds, 8, round(duration_s / config.photograph_every_s)),
@@ -55,9 +55,17 @@ def simulate_soak_mission(config: SoakMissionConfig, duration_s: float, seed: in
         seed=seed,
         sensors=SensorConfig(radio=RadioConfig(packets_per_second=config.packets_per_second)),
     )
-    ways = [robot_cameras(scene, index)[:, :3, 3] for index in range(config.robots)]
-    longest_m = max(float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()) for way in ways)
-    speed = min(longest_m / max(driving_s, 1e-3), _FASTEST_M_PER_S)
-    # one radian takes the time of one metre, whatever the speed, so turns do not lengthen a slow drive
-    tour = TourConfig(rounds=rounds, speed_m_per_s=speed, turn_rate_rad_per_s=10 * speed)
-    write_mission(simulate_from_scene(replace(scene, tour=tour)), bag)
+    pace = TourConfig(rounds=rounds)
+    for _ in range(_TRIES):
+        lasts_s = _length_s(scene, pace)
+        speed = pace.speed_m_per_s * (lasts_s - measuring_s) / max(duration_s - measuring_s, 1e-3)
+        speed = min(speed, _FASTEST_M_PER_S)
+        pace = replace(pace, speed_m_per_s=speed, turn_rate_rad_per_s=speed)
+    write_mission(simulate_from_scene(replace(scene, tour=pace)), bag)
+
+
+def _length_s(scene: SceneMissionConfig, pace: TourConfig) -> float:
+    """How long a mission at that pace lasts."""
+    metres_per_radian = pace.speed_m_per_s / pace.turn_rate_rad_per_s
+    ways = [body_poses(robot_cameras(scene, index)) for index in range(scene.robots)]
+    return plan_motions([view_path(way, metres_per_radian) for way in ways], pace)[0].end_s
