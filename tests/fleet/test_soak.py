@@ -11,7 +11,7 @@ from mulan.fleet.soak_arrivals import ReplayedTime, arrivals
 from mulan.fleet.soak_localization import as_it_arrived
 from mulan.fleet.soak_mission import SoakMissionConfig, simulate_soak_mission
 from mulan.mission import messages
-from mulan.mission.bag_reader import read_mission
+from mulan.mission.bag_reader import read_mission, robots_of
 from mulan.mission.types import Mission
 from mulan.wireless.bearing import BearingConfig
 from tests.fleet.growing import entries_of
@@ -57,6 +57,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_mission_lasts_as_long_as_the_test(bag: Path) -> None:
     mission = read_mission(bag)
+    assert robots_of(bag) == [robot.name for robot in mission.robots]
     for robot in mission.robots:
         time_s = robot.odometry.time_s
         assert time_s[-1] - time_s[0] == pytest.approx(40.0, rel=0.1)

@@ -29,7 +29,7 @@ from mulan.fleet.soak_processes import (
     watch,
 )
 from mulan.fleet.spool import Spool
-from mulan.mission.bag_reader import read_mission
+from mulan.mission.bag_reader import read_mission, robots_of
 from mulan.mission.run_folder import write_json
 
 _REAL_TIME = 0.03  # a replay so near to real time is one
@@ -76,8 +76,7 @@ def soak(config: SoakConfig, stage: Callable[[str], object] = lambda _: None) ->
     Raises:
         InputError: The bag is not a mission, the folder holds an earlier test, or a process failed.
     """
-    mission = read_mission(config.bag)
-    names = tuple(robot.name for robot in mission.robots)
+    names = tuple(robots_of(config.bag))
     if len(names) < 2:
         raise InputError(config.bag, "robots", "are fewer than two", "simulate a mission with two or more")
     folder, received = config.out, config.out / "mission.mcap"
@@ -136,7 +135,7 @@ def soak(config: SoakConfig, stage: Callable[[str], object] = lambda _: None) ->
     write_json(folder / "metrics.json", metrics)
     if config.localize:
         stage("localizing the undisturbed and the received bag")
-        metrics["localization"] = compared(mission, read_mission(received))
+        metrics["localization"] = compared(read_mission(config.bag), read_mission(received))
     if config.instants:
         stage("localizing from what had come by some instants")
         metrics["as_it_arrived"] = as_it_arrived(received, config.instants, folder)

@@ -21,11 +21,11 @@ class SoakMissionConfig:
 
     robots: int = 3
     """Number of robots."""
-    packets_per_second: float = 100.0
+    packets_per_second: float = 50.0
     """WiFi packet pairs a second and pair, while an antenna moves."""
-    round_every_s: float = 40.0
+    round_every_s: float = 60.0
     """Every robot moves its antenna once in so long, or as often as there is time for."""
-    photograph_every_s: float = 10.0
+    photograph_every_s: float = 20.0
     """Every robot photographs once in so long."""
     width: int = 96
     """Image width in pixels."""

@@ -35,6 +35,16 @@ def read_mission(path: Path) -> Mission:
     return mission_of(bag_topics.load(path, types), robots)
 
 
+def robots_of(path: Path) -> list[str]:
+    """Names of a mission's robots, the anchor first, without reading what they recorded.
+
+    Raises:
+        InputError: The bag is missing, damaged or cut short, or no robot is in it.
+    """
+    robots = _robots(path, bag_topics.topic_names(path))
+    return _ordered(bag_topics.load(path, {messages.ROBOTS: messages.ROBOTS_TYPE}), robots)
+
+
 def mission_of(bag: BagTopics, robots: list[str]) -> Mission:
     """The mission of messages under the names a mission bag gives them.
 
