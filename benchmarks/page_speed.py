@@ -39,7 +39,7 @@ from mulan.viewer.page import ViewerPage
 from mulan.viewer.viewer_config import ViewerConfig
 
 WIDTH, HEIGHT = 1280, 720  # of the window; a moving picture is a fifth of it
-_FEWEST_SHADES = 12.0  # standard deviation of a screenshot that shows a scene: a blank page has less
+_FEWEST_SHADES = 5.0  # standard deviation of a screenshot that shows a scene: a blank page has none
 
 
 class EnoughError(Exception):
@@ -65,14 +65,15 @@ class Options:
 
 
 def shown(browser: Chromium) -> bool:
-    """Whether the left half of the window shows more than a plain colour."""
+    """Whether the middle of the window, clear of panel and notices, shows more than a plain colour."""
     with TemporaryDirectory() as folder:
         try:
             data = browser.screenshot(Path(folder) / "shot.png").read_bytes()
         except AssertionError:
             return False  # the browser is between two pages
     pixels = np.asarray(Image.open(io.BytesIO(data)).convert("RGB"), float)
-    return pixels[:, : pixels.shape[1] // 2].std() > _FEWEST_SHADES
+    height, width = pixels.shape[:2]
+    return pixels[height // 3 :, width // 4 : 7 * width // 10].std() > _FEWEST_SHADES
 
 
 def first_picture_s(program: str, url: str, page: ViewerPage, screenshot: Path | None) -> dict[str, float]:
@@ -111,7 +112,8 @@ def moving_pictures(program: str, page: ViewerPage, seconds: float) -> dict[str,
             while not (new := [p for key, p in page.pictures.items() if key not in known and p.frames]):
                 time.sleep(0.05)
             pictures = new[0]
-            time.sleep(3)
+            while pictures.frames < 2:  # the fine one: the page is complete
+                time.sleep(0.05)
             mouse: dict[str, Any] = {"button": "left", "buttons": 1, "clickCount": 1}
             browser.command("Input.dispatchMouseEvent", type="mousePressed", x=400, y=400, **mouse)
             began, before = time.monotonic(), pictures.frames

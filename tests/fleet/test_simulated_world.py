@@ -9,7 +9,8 @@ import pytest
 from mulan.errors import InputError
 from mulan.fleet.orders import goal_message
 from mulan.fleet.simulated_robot import GoalInbox, WorldClock
-from mulan.fleet.simulated_world import SimulatedWorld, WorldConfig, WorldFolder
+from mulan.fleet.simulated_world import SimulatedWorld, WorldConfig
+from mulan.fleet.world_folder import WorldFolder
 from mulan.geometry import se3
 from mulan.mission.bag_reader import read_mission
 from mulan.mission.run_folder import read_json, write_json

@@ -10,8 +10,8 @@ import numpy as np
 
 from mulan.errors import InputError
 from mulan.evaluation.provenance import provenance
-from mulan.fleet.simulated_world import WorldFolder
 from mulan.fleet.soak_processes import Member, free_endpoint
+from mulan.fleet.world_folder import WorldFolder
 from mulan.localization.accuracy import accuracy, world_from_truth
 from mulan.localization.graph import LocalizationConfig
 from mulan.localization.localize import localize

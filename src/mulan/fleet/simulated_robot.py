@@ -11,7 +11,7 @@ from mulan.fleet.message_choice import MessageChoice
 from mulan.fleet.orders import goal_of
 from mulan.fleet.replay import RecordingClock, Replay, ReplayConfig
 from mulan.fleet.robot_link import RobotLink
-from mulan.fleet.simulated_world import WorldFolder
+from mulan.fleet.world_folder import WorldFolder
 from mulan.geometry import se3
 from mulan.mission.run_folder import write_json
 
