@@ -96,6 +96,41 @@ def table2(metrics: dict[str, Any]) -> list[str]:
     return rows
 
 
+def soak(metrics: dict[str, Any]) -> list[str]:
+    """What became of the messages, the traffic of each pair, memory, and localization."""
+    messages, config = metrics["messages"], metrics["config"]
+    rows = [
+        f"{config['minutes']:g} minutes, {len(metrics['robots'])} robots, loss {config['loss']:g} each way."
+    ]
+    rows += ["", "| messages | |", "|---|---|"]
+    rows += [f"| {name.replace('_', ' ')} | {count} |" for name, count in messages.items()]
+    for who, count in metrics["restarts_survived"].items():
+        rows.append(f"| restarts survived, {who} | {count} |")
+    for name, rate in metrics["messages_per_s"].items():
+        rows.append(f"| received a second, {name.replace('_', ' ')} | {rate:.0f} |")
+    for name, lag in metrics["lag_s"].items():
+        late = " / ".join(f"{lag[which]:.1f}" for which in ("median", "p95", "largest"))
+        rows.append(f"| recorded to received, {name}: median / 95 % / largest [s] | {late} |")
+    pairs = metrics["coordination_bytes_per_mission_s_and_pair"]
+    rows.append(f"| coordination of a pair, most [kB/s] | {max(pairs.values()) / 1e3:.2f} |")
+    for who, megabytes in metrics["peak_memory_mb"].items():
+        rows.append(f"| peak memory, {who} [MB] | {megabytes:.0f} |")
+    for name, found in metrics.get("localization", {}).items():
+        if isinstance(found, dict):
+            errors = ", ".join(f"{robot} {100 * m:.1f}" for robot, m in found["position_rms_m"].items())
+            rows.append(f"| position error from the {name} bag [cm] | {errors} |")
+    rows += [
+        f"| localized by minute {told['minutes']:.1f} of {told['messages']} messages [cm] | {_placed(told)} |"
+        for told in metrics.get("as_it_arrived", [])
+    ]
+    return rows
+
+
+def _placed(told: dict[str, Any]) -> str:
+    errors = ", ".join(f"{robot} {100 * m:.0f}" for robot, m in told["position_rms_m"].items())
+    return errors or "nobody"
+
+
 def number(value: float | None, form: str) -> str:
     return "not available" if value is None else format(value, form)
 
@@ -106,6 +141,7 @@ def percent(share: float | None) -> str:
 
 _QUICK = """A look: 100 pixels, one seed, 20 s of learning a setup on one thread (`OMP_NUM_THREADS=1`) of a
 machine that did other work as well, so fewer steps than two free cores would make."""
+_SOAK = "Each program a process on loopback, on a machine that did other work as well."
 LEARNING = {
     "table1_loop": Learning("Wireless poses: the whole pipeline", table1, _QUICK),
     "table1_paper": Learning("Wireless poses: the paper's noise", table1, _QUICK),
@@ -113,6 +149,9 @@ LEARNING = {
     "table2": Learning("The hardware experiment, simulated: lego, both robots drift", table2, _QUICK),
     "table2_second": Learning("The hardware experiment, simulated: lego, one drifts", table2, _QUICK),
     "table2_fox": Learning("The hardware experiment, simulated: fox, both robots drift", table2, _QUICK),
+    "fleet_soak": Learning("The fleet over a bad link, with kills", soak, _SOAK),
+    "fleet_one_percent": Learning("The fleet over a link that loses 99 of 100 messages", soak, _SOAK),
+    "fleet_ten_robots": Learning("Ten robots on one base station", soak, _SOAK),
 }
 """Records whose tables are shown; of the others there is a link."""
 

@@ -234,7 +234,10 @@ class BaseStation:
                 self._say(verdict.robot, verdict.outcome.name, verdict.outcome.sentence)
             if verdict.outcome is Arrival.ACCEPTED:
                 accepted.append(verdict)
-            if not isinstance(verdict.outcome, Deferral):
+            if verdict.outcome is Arrival.GOODBYE:
+                self._heard.pop(verdict.robot, None)
+                self._due.discard(verdict.robot)
+            elif not isinstance(verdict.outcome, Deferral):
                 self._due.add(verdict.robot)
                 self._heard[verdict.robot] = _Heard(envelope, received.received_ns, time.monotonic())
         if not accepted:

@@ -145,7 +145,9 @@ class Ingest:
             envelope = envelopes.decode(attachment or b"")
         except EnvelopeError:
             return self._intruded(Intrusion.NO_ENVELOPE)
-        if envelope.sender != parsed.robot or envelope.settled_below > max(envelope.sequence, 1):
+        # a greeting has no number of its own
+        ahead = bool(envelope.sequence) and envelope.settled_below > envelope.sequence
+        if envelope.sender != parsed.robot or ahead:
             return self._intruded(Intrusion.WRONG_SENDER)
         verdict = self._of_robot(state, parsed.suffix, envelope, payload, received_ns, now_s)
         topic = WIRE_TOPICS.get(parsed.suffix)

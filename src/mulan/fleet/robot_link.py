@@ -255,7 +255,7 @@ class RobotLink:
     def _transmit(self, suffix: str, sequence: int, record_ns: int, payload: bytes) -> int:
         config = self.config
         topic = WIRE_TOPICS.get(suffix)
-        settled = min(self.spool.settled_below, max(sequence, 1))
+        settled = self.spool.settled_below
         sent_ns = self._clock_ns()
         self._sent_s[sent_ns] = time.monotonic()
         if len(self._sent_s) > _STAMPS_KEPT:
@@ -265,7 +265,7 @@ class RobotLink:
             self.spool.incarnation,
             self._session_id,
             sequence,
-            settled if sequence else 0,
+            min(settled, sequence) if sequence else settled,
             bytes(8) if topic is None else type_hash(topic.topic.msgtype),
             record_ns,
             sent_ns,

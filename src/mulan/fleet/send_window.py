@@ -14,7 +14,7 @@ _FEWEST = 64  # messages always allowed under way
 _SPARE = 64  # more of those that come first
 _PROMPT_S = 0.5  # an answer may wait this long for others at the base station
 _ANSWER_EVERY_S = 0.2  # of the base station
-_REMEMBERED = 32  # messages whose attempts count
+_REMEMBERED = 64  # messages whose attempts count
 _USUAL = 2.0  # times the attempts lost on average are still nothing unusual
 _MOST_ANSWERS = 12.0  # that one which came may stand for
 
@@ -64,7 +64,7 @@ class SendWindow:
         self._widened_s, self._narrowed_s = time.monotonic(), float("-inf")
         self._shortest_s = float("inf")
         self._heard_s = float("-inf")
-        self._attempts = 1.0  # that messages took on average
+        self._copies = self._settled = 1.0  # of late
         self._round_trip_s: float | None = None
         self._spread_s = 0.0
         self._rng = np.random.default_rng()
@@ -130,8 +130,10 @@ class SendWindow:
             if self._again_rate.available(now_s) < 1 or not self._may_send(under_way.message, now_s):
                 break
             self._again_rate.take(1, now_s)
-            beyond = max(0.0, under_way.attempts - _USUAL * (self._attempts - 1))
-            wait_s = min(self.wait_s * 2.0 ** min(beyond, 16.0), longest_s)
+            usual = _USUAL * (self._copies / self._settled - 1) if heard else 0.0
+            beyond = float(np.clip(under_way.attempts - usual, 0.0, 16.0))
+            wait_s = min(self.wait_s * 2.0**beyond, longest_s)
+            self._copies += 1
             under_way.attempts += 1
             under_way.due_s = now_s + wait_s * float(self._rng.uniform(0.9, 1.1))
             found.append((under_way.message, True))
@@ -152,9 +154,9 @@ class SendWindow:
             for n in self._under_way
             if n <= through or n in refused or any(first <= n <= last for first, last in beyond)
         ]:
-            settled = self._under_way.pop(sequence)
-            self._bytes -= len(settled.message.payload)
-            self._attempts += (settled.attempts - self._attempts) / _REMEMBERED
+            self._bytes -= len(self._under_way.pop(sequence).message.payload)
+            kept = 1 - 1 / _REMEMBERED
+            self._copies, self._settled = kept * self._copies, kept * self._settled + 1
 
     def hurry(self) -> None:
         """The link is back: send everything under way again, without waiting."""
@@ -175,6 +177,7 @@ class SendWindow:
                 self._taken_to[importance] = message.sequence
                 self._under_way[message.sequence] = _UnderWay(message, 1, now_s + self.wait_s)
                 self._bytes += len(message.payload)
+                self._copies += 1
                 found.append((message, False))
             if not taken:
                 return
