@@ -140,7 +140,7 @@ def test_while_answers_come_what_was_lost_is_soon_sent_again(tmp_path: Path) -> 
     spool.add(Importance.COORDINATION, "odom", 0, b"x")
     window.heard(begin_s)
     sent_s = [begin_s + 0.05 * i for i in range(100) if window.due(begin_s + 0.05 * i)]
-    assert np.diff(sent_s)[:6].max() < 0.65
+    assert np.diff(sent_s)[:6].max() < 1.1
     spool.close()
 
 

@@ -15,7 +15,6 @@ _SPARE = 64  # more of those that come first
 _PROMPT_S = 0.5  # an answer may wait this long for others at the base station
 _ANSWER_EVERY_S = 0.2  # of the base station
 _REMEMBERED = 64  # messages whose attempts count
-_USUAL = 2.0  # times the attempts lost on average are still nothing unusual
 _MOST_ANSWERS = 12.0  # that one which came may stand for
 
 
@@ -32,8 +31,8 @@ class WindowConfig:
     longest_wait_s: float = 20.0
     """This wait doubles at every attempt up to here while nothing is heard."""
     longest_wait_heard_s: float = 2.0
-    """And only up to here while answers come; and it begins to grow only after as many attempts as messages
-    take on average, so that over a link that loses nearly everything it does not."""
+    """And only up to here while answers come; and it doubles only every so many attempts as messages take on
+    average, so that over a link that loses nearly everything it hardly grows."""
     heard_for_s: float = 60.0
     """An answer tells for so long that the link is there."""
     again_per_s: float = 400.0
@@ -130,9 +129,8 @@ class SendWindow:
             if self._again_rate.available(now_s) < 1 or not self._may_send(under_way.message, now_s):
                 break
             self._again_rate.take(1, now_s)
-            usual = _USUAL * (self._copies / self._settled - 1) if heard else 0.0
-            beyond = float(np.clip(under_way.attempts - usual, 0.0, 16.0))
-            wait_s = min(self.wait_s * 2.0**beyond, longest_s)
+            usual = max(1.0, self._copies / self._settled) if heard else 1.0
+            wait_s = min(self.wait_s * 2.0 ** min(under_way.attempts / usual, 16.0), longest_s)
             self._copies += 1
             under_way.attempts += 1
             under_way.due_s = now_s + wait_s * float(self._rng.uniform(0.9, 1.1))
