@@ -302,9 +302,14 @@ class BaseStation:
             for robot, heard in self._heard.items()
             if now_s - heard.answered_s >= _ANSWER_AGAIN_S
             and now_s - heard.heard_s < _ANSWER_FOR_S
-            and self.ingest.robots[robot].settled[heard.envelope.incarnation].through
-            >= heard.envelope.settled_below
+            and self._knows_more(robot, heard.envelope)
         }
+
+    def _knows_more(self, robot: str, envelope: Envelope) -> bool:
+        """Whether something may be settled that the robot still waits for."""
+        settled = self.ingest.robots[robot].settled[envelope.incarnation]
+        never_answered = envelope.settled_below == 0
+        return never_answered or bool(settled.beyond) or settled.through >= envelope.settled_below
 
     def _refuse(self, verdict: Verdict, received: Received) -> None:
         """Tell a session that it is not welcome, and why."""

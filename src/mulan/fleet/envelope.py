@@ -25,7 +25,7 @@ class Envelope:
         incarnation: Drawn when the robot's spool was made; sequence numbers count within it.
         session: Drawn when the sending process started.
         sequence: From 1 on; 0 marks a greeting, which is acknowledged but not recorded.
-        settled_below: The sender waits for no acknowledgement below this number.
+        settled_below: The sender waits for no acknowledgement below this number; 0 until it was answered.
         type_hash: First eight bytes of the message type's RIHS01 hash.
         record_ns: When the message was recorded, on the robot's clock.
         sent_ns: When this copy was sent, on the robot's clock.

@@ -255,7 +255,7 @@ class RobotLink:
     def _transmit(self, suffix: str, sequence: int, record_ns: int, payload: bytes) -> int:
         config = self.config
         topic = WIRE_TOPICS.get(suffix)
-        settled = self.spool.settled_below
+        settled = 0 if self.status is None else self.spool.settled_below
         sent_ns = self._clock_ns()
         self._sent_s[sent_ns] = time.monotonic()
         if len(self._sent_s) > _STAMPS_KEPT:
