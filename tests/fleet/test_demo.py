@@ -57,7 +57,7 @@ def test_three_simulated_robots_are_reconstructed_while_they_drive(
     assert metrics["photographs"] >= 9
     assert metrics["camera_rms_m"] < 0.3
     assert metrics["live"]["psnr_db"] > 8
-    assert metrics["live_minus_offline_db"] > -6, "learnt from nothing like the same photographs"
+    assert metrics["live_minus_offline_db"] > -0.5
     assert read_json(tmp_path / "metrics.json", "a test")["offline"]["steps"] > 0
     with Reader(demo.bag) as reader:
         counts = {connection.topic: connection.msgcount for connection in reader.connections}

@@ -102,12 +102,10 @@ class LiveTraining:
         """
         self._shown = _Shown(self._captured(images.train), self._captured(images.test))
         train = self._shown.train
-        space = choose_space(train)
-        ignored = self._weighting.ignored(train, space)
-        if any(ignored):
-            space = choose_space([image for image, out in zip(train, ignored, strict=True) if not out])
-        if self._description is None or _is_elsewhere(self._description.space, space):
-            self._begin(space)
+        likely, other = self._spaces(train)
+        known = None if self._description is None else self._description.space
+        if known is None or (_is_elsewhere(known, likely) and _is_elsewhere(known, other)):
+            self._begin(likely)
         space = self.description.space
         data = ImageTensors(train, self._weighting.weight_maps(train, space))
         self._data = data if data.drawable_pixels else None
@@ -160,6 +158,22 @@ class LiveTraining:
                 self._decoded[image.path] = load_captured([image], self._config.image_size)[0]
             captured.append(replace(self._decoded[image.path], posed=image))
         return tuple(captured)
+
+    def _spaces(self, train: tuple[CapturedImage, ...]) -> tuple[SceneSpace, SceneSpace]:
+        """Where the scene is by the photographs that are trusted and by all, the likelier first.
+
+        The first round may trust the anchor alone, whose few photographs say less than those of all.
+        """
+        by_all = choose_space(train)
+        trusted = [
+            image
+            for image, ignored in zip(train, self._weighting.ignored(train, by_all), strict=True)
+            if not ignored
+        ]
+        if len(trusted) == len(train):
+            return by_all, by_all
+        by_trusted = choose_space(trusted)
+        return (by_trusted, by_all) if 2 * len(trusted) > len(train) else (by_all, by_trusted)
 
     def _begin(self, space: SceneSpace) -> None:
         """An untrained field where the scene is."""
