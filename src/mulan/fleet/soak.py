@@ -103,16 +103,15 @@ def soak(config: SoakConfig, stage: Callable[[str], object] = lambda _: None) ->
     ]
     away_s = min(config.robot_away_s, test_s / 6)
     kills = [Kill(robots[1], 0.15 * test_s, 0.15 * test_s + away_s)] if away_s else []
-    for at in np.linspace(0.4, 0.75, config.base_kills):
-        kills.append(
-            Kill(base, float(at) * test_s, float(at) * test_s + min(10.0, test_s / 30), 0.1 * test_s)
-        )
+    recorded_s = test_s * config.recorded_share
+    for at_s in np.linspace(0.45, 0.8, config.base_kills) * recorded_s:
+        kills.append(Kill(base, float(at_s), float(at_s) + min(10.0, test_s / 30), 0.1 * recorded_s))
     stage(f"{len(names)} robots for {config.minutes:g} min")
     members = [base, *robots]
     memory = MemoryWatch(members)
     try:
         start_all(members, 300)
-        took_s = watch(members, kills, 3 * test_s + 300, memory.sample)
+        took_s = watch(members, kills, 3 * test_s + 300, memory.sample, test_s)
     finally:
         for member in reversed(members):
             member.stop(20)

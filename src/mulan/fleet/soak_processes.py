@@ -148,9 +148,10 @@ class Kill:
 
     def due(self, now_s: float) -> None:
         """Do what the time has come for."""
-        if self.state == 0 and now_s >= self.at_s:
+        if self.state == 0:
             # a program that is still loading has nothing to lose yet
             self.ready_s = (self.ready_s or now_s) if self.member.ready else None
+        if self.state == 0 and now_s >= self.at_s:
             if self.ready_s is None or now_s - self.ready_s < self.settled_s:
                 return
             self.member.kill()
@@ -206,13 +207,15 @@ def watch(
     kills: list[Kill],
     until_s: float,
     look: Callable[[float], object] = lambda _: None,
+    least_s: float = 0.0,
 ) -> float:
-    """Run until every robot has ended by itself; returns how long that took.
+    """Run until every robot has ended by itself and was killed as planned; returns how long that took.
 
     Args:
         members: Base station first; all running.
         kills: What happens meanwhile.
         until_s: Give up after this time.
+        least_s: The base station is left running this long.
         look: Called again and again with the seconds since the start.
     """
     started_s = time.monotonic()
@@ -221,7 +224,8 @@ def watch(
         for kill in kills:
             kill.due(now_s)
         pending = any(kill.state == 1 for kill in kills)
-        if not pending and not any(member.running for member in members[1:]):
+        robots = any(member.running for member in members[1:])
+        if not pending and not robots and now_s >= least_s:
             return now_s
         time.sleep(0.05)
     return until_s
