@@ -9,6 +9,7 @@ from mulan.fleet.refusals import LinkStatus, Refusal
 
 MOST_RANGES = 128
 MOST_REFUSED = 128
+NOT_TIMED_NS = 0  # the robot's clock in an answer that is said again
 _HEAD = struct.Struct("<4sHHQQQqqqIHH")
 _RANGE = struct.Struct("<II")
 _REFUSED = struct.Struct("<IH")
@@ -22,7 +23,7 @@ class Acknowledgement:
         status: Whether the session is welcome.
         base: Drawn when the base station's process started.
         incarnation, session: Of the robot it is meant for.
-        sent_ns: The robot's clock in the message it answers.
+        sent_ns: The robot's clock in the message it answers; ``NOT_TIMED_NS`` if it was answered before.
         received_ns, answered_ns: The base station's clock when that came and when this left.
         through: Everything up to this number is on the base station's disk (or was refused).
         beyond: Ranges (first, last) after the first gap that are too.

@@ -4,7 +4,7 @@ import queue
 import secrets
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from typing import Any
 import zenoh
 from rosbags.typesys.stores import ros2_jazzy as ros
 
-from mulan.fleet.acknowledgement import Acknowledgement, worth_telling
+from mulan.fleet.acknowledgement import NOT_TIMED_NS, Acknowledgement, worth_telling
 from mulan.fleet.clock_offset import ClockOffset
 from mulan.fleet.clock_record import recorded_offset
 from mulan.fleet.envelope import Envelope
@@ -179,9 +179,12 @@ class BaseStation:
             if batch:
                 self._take_in(batch)
             now_s = time.monotonic()
-            self._due |= self._unheard(now_s)
+            again = self._unheard(now_s) - self._due
+            if again:
+                self._answer(again, timed=False)
             if self._due and (now_s - answered_s >= _ANSWER_EVERY_S or self._closing.is_set()):
-                self._answer()
+                self._answer(self._due, timed=True)
+                self._due.clear()
                 answered_s = now_s
             self._pass_on_orders()
             if now_s - repeated_s >= _REPEAT_EVERY_S:
@@ -272,9 +275,14 @@ class BaseStation:
             self.disk_problem = ""
         return True
 
-    def _answer(self) -> None:
-        """Tell every robot heard of what is on disk."""
-        for robot in self._due:
+    def _answer(self, robots: Collection[str], timed: bool) -> None:
+        """Tell robots what of theirs is on disk.
+
+        Args:
+            robots: Who has been heard of.
+            timed: Whether the answer also times the link; one that is said again does not.
+        """
+        for robot in robots:
             state, heard = self.ingest.robots[robot], self._heard[robot]
             settled = state.settled[heard.envelope.incarnation]
             heard.answered_s = time.monotonic()
@@ -285,7 +293,7 @@ class BaseStation:
                     self._id,
                     heard.envelope.incarnation,
                     heard.envelope.session,
-                    heard.envelope.sent_ns,
+                    heard.envelope.sent_ns if timed else NOT_TIMED_NS,
                     heard.received_ns,
                     time.time_ns(),
                     settled.through,
@@ -293,7 +301,6 @@ class BaseStation:
                     list(state.refused),
                 ),
             )
-        self._due.clear()
 
     def _unheard(self, now_s: float) -> set[str]:
         """Robots that may not know yet what they were answered."""

@@ -12,7 +12,7 @@ from typing import Any
 import zenoh
 
 from mulan.fleet import acknowledgement as answers
-from mulan.fleet.acknowledgement import Acknowledgement
+from mulan.fleet.acknowledgement import NOT_TIMED_NS, Acknowledgement
 from mulan.fleet.clock_offset import ClockEstimator
 from mulan.fleet.clock_record import clock_record
 from mulan.fleet.content_checks import to_ns
@@ -37,8 +37,7 @@ from mulan.mission.messages import Topic
 _GREET_EVERY_S = 1.0
 _KNOCK_EVERY_S = 0.25  # until the base station has answered for the first time
 _REFUSED_EVERY_S = 2.0
-_TOLD_AGAIN_NS = 500_000_000  # an answer later than this is a repeated one, and times nothing
-_STAMPS_KEPT = 2048
+_STAMPS_KEPT = 16_384
 
 
 @dataclass(frozen=True)
@@ -327,10 +326,10 @@ class RobotLink:
             self._window.hurry()
         self.heard_s = now_s
         self._window.heard(now_s)
-        self.clock.add(answer.sent_ns, answer.received_ns, answer.answered_ns, returned_ns)
+        if answer.sent_ns != NOT_TIMED_NS:
+            self.clock.add(answer.sent_ns, answer.received_ns, answer.answered_ns, returned_ns)
         sent_s = self._sent_s.get(answer.sent_ns)
-        first_told = answer.answered_ns - answer.received_ns < _TOLD_AGAIN_NS
-        if sent_s is not None and first_told:
+        if sent_s is not None:
             self._window.round_trip(now_s - sent_s)
         stored, refused = self.spool.settle(answer.through, answer.beyond, answer.refused)
         self.counts.stored += stored
