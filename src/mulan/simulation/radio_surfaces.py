@@ -65,7 +65,8 @@ def radio_surfaces(scene: mi.Scene) -> tuple[RadioSurface, ...]:
 
 def _faces(shape: Any) -> tuple[Float[NDArray, "v 3"], Int[NDArray, "t 3"]]:
     """Corners and triangles of one shape."""
-    parameters, kind = mi.traverse(shape), shape.class_name()
+    parameters: Any = mi.traverse(shape)
+    kind = shape.class_name()
     if "vertex_positions" in parameters:
         vertices_m = np.array(parameters["vertex_positions"], dtype=float).reshape(-1, 3)
         return vertices_m, np.array(parameters["faces"], dtype=np.int64).reshape(-1, 3)

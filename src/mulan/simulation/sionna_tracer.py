@@ -3,6 +3,7 @@
 An LLVM too old for Dr.Jit ends the process that loads it; it must not be the user's.
 """
 
+import importlib
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -77,10 +78,13 @@ class Tracer:
         """Make the scene."""
         if llvm := newest_llvm():
             os.environ.setdefault("DRJIT_LIBLLVM_PATH", str(llvm))
+        import drjit as dr
         import mitsuba as mi
 
+        if (threads := os.environ.get("OMP_NUM_THREADS", "")).isdigit():
+            dr.set_thread_count(max(int(threads), 1))
         mi.set_variant(_VARIANT)
-        from sionna import rt
+        rt: Any = importlib.import_module("sionna.rt")  # the extra is not there for every reader of this code
 
         self._config = config
         self._solve = rt.PathSolver(deterministic=True)
