@@ -4,7 +4,7 @@ import importlib.util
 import multiprocessing
 
 import numpy as np
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Bool, Complex, Float, Int
 from numpy.typing import NDArray
 
 from mulan.errors import InputError
@@ -27,8 +27,8 @@ class SionnaRadio:
     Positions are gathered in cells, a tenth as wide where the sending antenna is. Paths are traced between
     middles of cells, and each is carried to the positions about them as if it came from a point, its mirror
     image: exact for the direct path and for the listener's end of a reflected one, of first order in the
-    sender's offset. Channels are the same either way, so the end that moves less is taken to send. Where both
-    move, every position of the one needs rays of its own, which is slow.
+    sender's offset. Channels are the same either way, so at each time the end that stands still is taken to
+    send. Where both move, every position of the one needs rays of its own, which is slow.
     """
 
     def __init__(self, surfaces: tuple[RadioSurface, ...], config: SionnaConfig) -> None:
@@ -72,9 +72,9 @@ class SionnaRadio:
         """
         if not len(transmitter_world_m):
             return np.zeros((0, len(subcarrier_hz)), dtype=complex)
-        sender, listener = transmitter_world_m, receiver_world_m
-        if _distinct(self._sender_cells(sender)) > _distinct(self._sender_cells(listener)):
-            sender, listener = listener, sender
+        swapped = self._swapped(transmitter_world_m, receiver_world_m)[:, None]
+        sender = np.where(swapped, receiver_world_m, transmitter_world_m)
+        listener = np.where(swapped, transmitter_world_m, receiver_world_m)
         frequency_hz = float(subcarrier_hz.min() + subcarrier_hz.max()) / 2
         self._trace(sender, listener, frequency_hz)
         blocks = range(0, len(sender), _ROWS)
@@ -84,6 +84,21 @@ class SionnaRadio:
                 for k in blocks
             ]
         )
+
+    def _swapped(
+        self, transmitter_world_m: Float[NDArray, "n 3"], receiver_world_m: Float[NDArray, "n 3"]
+    ) -> Bool[NDArray, "n"]:
+        """Where the receiver stays longer in one small cell than the transmitter, so had better send."""
+        stay, cells = [], []
+        for position_m in (transmitter_world_m, receiver_world_m):
+            cell = self._sender_cells(position_m)
+            _, row, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
+            stay.append(count[row.ravel()])
+            cells.append(cell)
+        # ties go the same way when the ends are exchanged
+        first = np.argmax(cells[0] != cells[1], axis=1)[:, None]
+        below = np.take_along_axis(cells[1] - cells[0], first, 1)[:, 0] < 0
+        return (stay[1] > stay[0]) | ((stay[1] == stay[0]) & below)
 
     def _listener_cells(self, position_world_m: Float[NDArray, "n 3"]) -> Int[NDArray, "n 3"]:
         return np.floor(position_world_m / self._config.cell_m).astype(np.int64)
@@ -169,10 +184,6 @@ class SionnaRadio:
             remedy = _REMEDY if "llvm" in answer.lower() else "use '--radio mirrors' for this scene"
             raise InputError("--radio sionna", "Sionna RT", answer.rstrip("."), remedy)
         return answer
-
-
-def _distinct(cells: Int[NDArray, "n 3"]) -> int:
-    return len(np.unique(cells, axis=0))
 
 
 def _padded(rows: list[NDArray], count: int) -> NDArray:
