@@ -100,7 +100,8 @@ def soak(metrics: dict[str, Any]) -> list[str]:
     """What became of the messages, the traffic of each pair, memory, and localization."""
     messages, config = metrics["messages"], metrics["config"]
     rows = [
-        f"{config['minutes']:g} minutes, {len(metrics['robots'])} robots, loss {config['loss']:g} each way."
+        f"{len(metrics['robots'])} robots, loss {config['loss']:g} each way, jitter {config['jitter_s']:g} s;"
+        f" ran {metrics['test_s'] / 60:.1f} minutes (asked for {config['minutes']:g})."
     ]
     rows += ["", "| messages | |", "|---|---|"]
     rows += [f"| {name.replace('_', ' ')} | {count} |" for name, count in messages.items()]

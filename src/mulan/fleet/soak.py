@@ -120,7 +120,7 @@ def soak(config: SoakConfig, stage: Callable[[str], object] = lambda _: None) ->
             raise InputError(folder, member.name, f"failed ({member.said()})", "see its .log files")
     metrics = {
         "provenance": provenance(config.seed),
-        "config": {name: str(v) if isinstance(v, Path) else v for name, v in asdict(config).items()},
+        "config": {name: v.name if isinstance(v, Path) else v for name, v in asdict(config).items()},
         "test_s": took_s,
         "replay_speed": speed,
     }
