@@ -32,7 +32,7 @@ from mulan.simulation.recording import robot_names
 from mulan.wireless.bearing import BearingConfig
 
 _POLL_S = 0.1
-_STARTING_S = 180.0  # programs load and a world is built on a busy machine
+_STARTING_S = 300.0  # programs load and a world is built on a busy machine
 _MISSION = "demo"
 
 Progress = Callable[[float, float, str], None]
