@@ -151,6 +151,7 @@ LEARNING = {
     "table2_second": Learning("The hardware experiment, simulated: lego, one drifts", table2, _QUICK),
     "table2_fox": Learning("The hardware experiment, simulated: fox, both robots drift", table2, _QUICK),
     "fleet_soak": Learning("The fleet over a bad link, with kills", soak, _SOAK),
+    "fleet_soak_first": Learning("The fleet over a bad link, an earlier run", soak, _SOAK),
     "fleet_one_percent": Learning("The fleet over a link that loses 99 of 100 messages", soak, _SOAK),
     "fleet_ten_robots": Learning("Ten robots on one base station", soak, _SOAK),
 }

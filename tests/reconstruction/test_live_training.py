@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from mulan.errors import InputError
+from mulan.mission import pixels
 from mulan.mission.posed_images import PosedImageSet
 from mulan.mission.run_folder import RunFolder, read_json
 from mulan.reconstruction.dataset import ImageTensors
@@ -13,7 +14,7 @@ from mulan.reconstruction.field_file import load_engine
 from mulan.reconstruction.held_out import psnr_db
 from mulan.reconstruction.live_training import LiveTraining
 from mulan.reconstruction.train_config import TrainConfig
-from mulan.reconstruction.weights import NoWeights
+from mulan.reconstruction.weights import NoWeights, UncertaintyWeights
 
 from .cube_scene import cube_images
 from .test_train import FIELD
@@ -116,3 +117,23 @@ def test_nothing_happens_before_a_photograph_was_shown(tmp_path: Path) -> None:
     training.save()
     assert training.progress.steps == 0
     assert not training.run.field.exists()
+
+
+def test_a_scene_stays_where_all_photographs_see_it_though_few_are_trusted_at_first(tmp_path: Path) -> None:
+    """The anchor's photographs alone put the scene elsewhere; when the others' count too, nothing is lost."""
+    images = cube_images(tmp_path, train=12)
+    for image in images.train:  # opaque: where the scene lies is told by the cameras alone
+        rgba = pixels.decode(image.path.read_bytes(), image.path.name)
+        image.path.write_bytes(pixels.encode_png(rgba[..., :3]))
+    sure, unsure = np.eye(6) * 1e-8, np.eye(6)
+
+    def posed(image, index):
+        T = image.T_world_camera.copy()
+        T[0, 3] += 1.4 if index < 4 else 0.0
+        return replace(image, T_world_camera=T, pose_covariance=sure if index < 4 else unsure)
+
+    training = LiveTraining(RunFolder(tmp_path / "run"), CONFIG, UncertaintyWeights())
+    training.show(replace(images, train=tuple(posed(image, i) for i, image in enumerate(images.train))))
+    training.learn(0.05)
+    training.show(replace(images, train=tuple(replace(i, pose_covariance=sure) for i in images.train)))
+    assert training.begun_anew == 0
