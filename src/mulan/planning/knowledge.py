@@ -33,7 +33,7 @@ class LookConfig:
 class Knowledge:
     """Fields learnt so far and the views they were learnt from.
 
-    Looks are kept, since several scores ask for the same ones.
+    Looks are kept, since several scores ask for the same ones, and again once another view is decided on.
 
     Attributes:
         fields: Fields learnt from the chosen views, each from its own start; the first stands for all where
@@ -54,16 +54,26 @@ class Knowledge:
         self.config, self.grid = config or LookConfig(), CellGrid.of(space)
         self._looks: dict[tuple[View, int], Look] = {}
         self._trust: dict[View, Float[Tensor, "cells"]] = {}
+        self._disagreement: dict[tuple[View, int], Float[Tensor, "r"]] = {}
 
     def with_chosen(self, view: View) -> "Knowledge":
         """The same fields once a view is decided on, before anything was learnt from it."""
         more = Knowledge(self.fields, self.grid.space, (*self.chosen, view), self.config)
-        more._looks, more._trust = self._looks, self._trust
+        more._looks, more._trust, more._disagreement = self._looks, self._trust, self._disagreement
         return more
 
     def look(self, candidate: View) -> Look:
         """What a candidate would see."""
         return self._look(candidate, self.config.columns)
+
+    def disagreement(self, candidate: View, members: int) -> Float[Tensor, "r"]:
+        """Sample variance of the colour of a candidate's rays in the first fields, mean over channels."""
+        key = candidate, members
+        if key not in self._disagreement:
+            seen = self.look(candidate)
+            colours = [field.render(seen.origins, seen.directions).colour for field in self.fields[:members]]
+            self._disagreement[key] = torch.stack(colours).var(0).mean(-1)
+        return self._disagreement[key]
 
     @property
     def chosen_looks(self) -> list[Look]:

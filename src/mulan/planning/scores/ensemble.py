@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -29,8 +28,4 @@ class EnsembleVariance(RayScore):
 
     def information(self, knowledge: Knowledge, candidate: View) -> Float[Tensor, "r"]:
         """Sample variance of the colour, mean over the channels."""
-        seen = knowledge.look(candidate)
-        colours = [
-            field.render(seen.origins, seen.directions).colour for field in knowledge.fields[: self.members]
-        ]
-        return torch.stack(colours).var(0).mean(-1)
+        return knowledge.disagreement(candidate, self.members)
