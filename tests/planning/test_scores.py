@@ -176,12 +176,13 @@ def test_a_view_of_nothing_teaches_nothing():
         assert score(knowing(view(180), fields=MEMBERS), [away]) == pytest.approx(0, abs=1e-6)
 
 
-def test_the_reduction_with_propagated_noise_is_that_with_sampled_poses():
+@pytest.mark.parametrize("sigma_m", [0.005, 0.02, 0.05])
+def test_the_reduction_with_propagated_noise_is_that_with_sampled_poses(sigma_m):
     from mulan.geometry import se3
     from mulan.planning.rays import camera_rays
     from mulan.planning.score import CandidateView, posterior_variance, ray_variance, variance_reduction
 
-    engine, sigma_m, columns = BallEngine(stripes=3.0), 0.02, 12
+    engine, columns = BallEngine(stripes=3.0), 12
     covariance = np.diag([1e-6] * 3 + [sigma_m**2] * 3)
     candidate = CandidateView(CAMERA, view(30).T_world_camera, covariance, columns)
     twists = np.random.default_rng(0).normal(size=(150, 6)) * np.sqrt(np.diag(covariance))

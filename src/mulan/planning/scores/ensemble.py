@@ -1,5 +1,6 @@
 """Where fields that learnt from the same views disagree."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from jaxtyping import Float
@@ -25,6 +26,10 @@ class EnsembleVariance(RayScore):
     def fields_needed(self) -> int:
         """All members."""
         return self.members
+
+    def look_ahead(self, knowledge: Knowledge, candidates: Sequence[View]) -> None:
+        """All members at once."""
+        knowledge.disagreements(candidates, self.members)
 
     def information(self, knowledge: Knowledge, candidate: View) -> Float[Tensor, "r"]:
         """Sample variance of the colour, mean over the channels."""
