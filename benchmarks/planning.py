@@ -17,7 +17,6 @@ import tyro
 
 from mulan.evaluation.exploration.belief import TeamBelief, believed_images
 from mulan.evaluation.provenance import provenance
-from mulan.evaluation.table3.trial import TrialConfig, first_cameras
 from mulan.localization.localize import LocalizationConfig
 from mulan.mission.posed_images import PosedImageSet
 from mulan.mission.run_folder import RunFolder, write_json
@@ -31,11 +30,13 @@ from mulan.planning.team_plan import TeamPlanConfig
 from mulan.planning.team_run import TEAM_LOOKS, EnsembleConfig, plan_team_images
 from mulan.planning.view import View
 from mulan.simulation.from_scene import SceneMissionConfig
-from mulan.simulation.team_in_world import TeamInWorld
+from mulan.simulation.recording import robot_names
+from mulan.simulation.team_in_world import TeamInWorld, TeamInWorldConfig
 from mulan.simulation.world import World
 from mulan.wireless.bearing import BearingConfig
 
 GOAL_S = 3.0
+STEP, APART = 0.024, 0.1  # of a turn about the room's middle, some 12 m: between photographs, between robots
 
 
 @dataclass(frozen=True)
@@ -58,10 +59,16 @@ class Options:
 
 def photographed(options: Options, world: World, seed: int, run: RunFolder) -> PosedImageSet:
     """What a team knows after a short tour."""
-    scene = SceneMissionConfig(robots=options.robots, width=96, height=72, held_out=0, seed=seed)
-    trial = TrialConfig(scene=scene, first_photos=options.photographs)
-    first = first_cameras(trial, world.course, seed)
-    team = TeamInWorld(world, scene.camera, {name: T[0] for name, T in first.items()}, trial.team, seed)
+    camera = SceneMissionConfig(width=96, height=72).camera
+    rng, names = np.random.default_rng([seed, 31]), robot_names(options.robots, "--robots")
+    turn, steps, first = rng.random(), STEP * np.arange(options.photographs), {}
+    for index, name in enumerate(names):
+        # one behind the other, so that what one will see is worth less to the next
+        along = turn + APART * index + steps
+        outward, upward = np.full((2, len(along)), rng.uniform(0.3, 0.7, (2, 1)))
+        first[name] = world.course.cameras(along, outward, upward, np.zeros((len(along), 3)))
+    starts = {name: T[0] for name, T in first.items()}
+    team = TeamInWorld(world, camera, starts, TeamInWorldConfig(samples_per_pixel=8), seed)
     belief = TeamBelief(LocalizationConfig(), BearingConfig())
     belief.hear(team.tour(first))
     return believed_images(team.mission, belief.localize(team.mission), run)
