@@ -109,8 +109,10 @@ POLICIES = (
         "learned variance, as printed",
         lambda _: OneMove(VariancePosterior(LiteralPosterior())),
     ),
-    Policy("ours", "ours", lambda _: OneMove(AngularNovelty())),
-    Policy("ours-surround", "ours, all around", lambda _: OneMove(SurroundCoverage()), published=False),
+    Policy("ours", "ours", lambda _: OneMove(SurroundCoverage())),
+    Policy(
+        "angular", "angular novelty of what is seen", lambda _: OneMove(AngularNovelty()), published=False
+    ),
     Policy("ours-ensemble", "ours with an ensemble", lambda _: OneMove(default_score()), published=False),
     Policy(
         "ours-straight-on",
