@@ -92,6 +92,7 @@ def pose_colour_variances(engine: RadianceEngine, views: Sequence[CandidateView]
     """The same for several views, all displaced poses rendered at once: small calls cost more to begin."""
     poses = [_displaced(view) for view in views]
     rays = [rays_of_poses(v.camera, T, v.columns) for v, T in zip(views, poses, strict=True) if len(T)]
+    colour = torch.zeros(0, 3)
     if rays:
         origins, directions = (torch.cat(own) for own in zip(*rays, strict=True))
         colour = engine.render(origins, directions).colour.cpu()
