@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 
 from mulan.reconstruction.captured_image import CapturedImage
 
+_HOLDS = 0.25  # of the median image's standard deviation of position
+_FEW = 0.1  # of the images
+
 
 def anchored_images(images: Sequence[CapturedImage]) -> Bool[NDArray, "n"]:
     """Images of the robot whose positions are known best, and all exact ones."""
@@ -24,3 +27,14 @@ def position_sigma_m(image: CapturedImage) -> float:
     """Root mean square of the position's standard deviations [m]; 0 for an exact pose."""
     covariance = image.posed.pose_covariance
     return 0.0 if covariance is None else float(np.sqrt(max(np.trace(covariance[3:, 3:]) / 3, 0.0)))
+
+
+def frame_holders(images: Sequence[CapturedImage]) -> Bool[NDArray, "n"]:
+    """The few images known so much better than all others that the world's frame hangs on them alone.
+
+    A field learnt from such an image bends towards it wherever its frame lies, and the error would stay; what the
+    others say of the same place tells. None if they are more than a few: a field could not do without them.
+    """
+    spread_m = np.array([position_sigma_m(image) for image in images])
+    holders = spread_m < _HOLDS * np.median(spread_m)
+    return holders if holders.mean() <= _FEW else np.zeros_like(holders)
