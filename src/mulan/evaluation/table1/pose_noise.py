@@ -61,8 +61,8 @@ def poses_from_radio(
         sigma_aoa_rad: What is believed of those errors.
         config: The other errors.
         rng: Draws the other errors.
-        likeliest: Whether a camera is put at its likeliest place, with the mean square about that as covariance,
-            instead of at the mean.
+        likeliest: Whether a camera is put at its likeliest place, with the mean square about that as
+            covariance, instead of at the mean.
     """
     n = len(T_world_camera)
     sigma_orientation_rad = math.radians(config.sigma_orientation_deg)

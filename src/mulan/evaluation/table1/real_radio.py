@@ -19,8 +19,8 @@ from mulan.mission.run_folder import RunFolder
 class RealRadioSource(TeamSource):
     """Alpha exact, beta from a range and the bearing of a recorded link an image.
 
-    Each image is given the error one link's bearing had, and believes it as far as that bearing said: some links
-    leave two far directions open, so a camera stands where its likeliest one puts it.
+    Each image is given the error one link's bearing had, and believes it as far as that bearing said: some
+    links leave two far directions open, so a camera stands where its likeliest one puts it.
 
     Attributes:
         images: The set at its true poses.

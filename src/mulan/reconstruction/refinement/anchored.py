@@ -32,8 +32,9 @@ def position_sigma_m(image: CapturedImage) -> float:
 def frame_holders(images: Sequence[CapturedImage]) -> Bool[NDArray, "n"]:
     """The few images known so much better than all others that the world's frame hangs on them alone.
 
-    A field learnt from such an image bends towards it wherever its frame lies, and the error would stay; what the
-    others say of the same place tells. None if they are more than a few: a field could not do without them.
+    A field learnt from such an image bends towards it wherever its frame lies, and the error would stay; what
+    the others say of the same place tells. None if they are more than a few: a field could not do without
+    them.
     """
     spread_m = np.array([position_sigma_m(image) for image in images])
     holders = spread_m < _HOLDS * np.median(spread_m)
