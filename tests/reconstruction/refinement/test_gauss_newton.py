@@ -19,8 +19,6 @@ from mulan.reconstruction.refinement.gauss_newton import PoseState, gauss_newton
 from mulan.reconstruction.refinement.multi_start import MultiStartConfig, correlation, spread_starts
 from mulan.reconstruction.refinement.photometric import photometric_cost, photometric_terms
 from mulan.reconstruction.refinement.pose_prior import PosePrior
-from mulan.reconstruction.refinement.pose_tracker import PoseTracker
-from mulan.reconstruction.refinement.refinement_config import RefinementConfig
 from mulan.reconstruction.scene_space import choose_space
 from mulan.reconstruction.trainer import next_rays
 from tests.reconstruction.cube_scene import cube_images
@@ -156,32 +154,6 @@ def test_a_free_frame_follows_the_one_image_that_is_known(field_and_data):
         off[frame_is_free] = np.median(shift_px(data, state.T, G @ true))
         assert np.abs(state.T[0] - believed[0]).max() < 1e-2
     assert off[True] < 0.3 * off[False]
-
-
-def test_the_tracker_finds_the_worlds_frame_before_all_poses_go_there_and_rest(field_and_data):
-    engine, data = field_and_data
-    images = ImageTensors(data.images[:8])
-    true = np.stack([image.T_world_camera for image in data.images[:8]])
-    G = se3.exp(np.array([0.02, 0.0, 0.05, 0.06, -0.04, 0.03]))
-    believed, covariance = true.copy(), np.broadcast_to(0.3**2 * np.eye(6), (8, 6, 6)).copy()
-    believed[0], covariance[0] = G @ true[0], 1e-8 * np.eye(6)
-    state = PoseState.at_prior(np.arange(8), PosePrior(believed, np.zeros(8, dtype=int), covariance))
-    tracker = PoseTracker(state, RefinementConfig(final_every=1, final_rays=300), 8)
-    tracker.begin(images)
-    for step in range(10):
-        tracker.after_step(engine, images, step, 0.4)
-    assert np.median(shift_px(data, state.T, G @ true)) < 0.3 * np.median(shift_px(data, believed, G @ true))
-    # until then the photographs are learnt from where the field lies
-    learnt_from = images.T_world_camera.double().numpy()
-    np.testing.assert_allclose(state.T_world_field @ learnt_from, state.T, atol=1e-5)
-    assert np.abs(state.T_world_field - np.eye(4)).max() > 0.01
-    there = state.T.copy()
-    for fraction_done in (0.5, 0.55):
-        tracker.after_step(engine, images, 11, fraction_done)
-        np.testing.assert_allclose(images.T_world_camera.double().numpy(), there, atol=1e-5)
-        np.testing.assert_array_equal(state.T, there)
-    tracker.after_step(engine, images, 12, 0.65)
-    assert not np.array_equal(state.T, there)
 
 
 def test_starts_come_nearer_where_the_prior_is_wide(field_and_data):

@@ -31,9 +31,7 @@ class MultiStartConfig:
     """Poses tried for an image that was lost."""
     wide: float = 2.0
     """Every other one is drawn this many times as far from the estimate as localization allows."""
-    nearer: tuple[float, ...] = (0.3, 0.1)
-    """Then half as many poses about the best one of each image, this share as far, round by round."""
-    side: int = 14
+    side: int = 20
     """Rays a side of the pictures compared."""
 
 
@@ -83,20 +81,13 @@ def _start_images(
 ) -> None:
     conditional = _conditional_blocks(state.prior)[chosen]
     root = np.linalg.cholesky(conditional + 1e-14 * np.eye(6))
-    image, which = state.image[chosen], np.arange(len(chosen))
-
-    def try_about(centre: Float[NDArray, "k 4 4"], noise: Float[NDArray, "s k 6"]) -> None:
-        T = centre @ se3.exp((root @ noise[..., None])[..., 0])
-        T[0] = state.T[chosen]
-        scores = np.stack([correlation(field, data, image, state.in_field(each), config.side) for each in T])
-        state.T[chosen] = T[scores.argmax(0), which]
-
     noise = generator.standard_normal((starts, len(chosen), 6))
     noise[1::2] *= config.wide  # one image in fifty lies beyond 2.3 sigmas
-    try_about(centre, noise)
-    for share in config.nearer:
-        about_best = state.T[chosen].copy()
-        try_about(about_best, share * generator.standard_normal((starts // 2, len(chosen), 6)))
+    T = centre @ se3.exp((root @ noise[..., None])[..., 0])
+    T[0] = state.T[chosen]
+    image = state.image[chosen]
+    scores = np.stack([correlation(field, data, image, state.in_field(each), config.side) for each in T])
+    state.T[chosen] = T[scores.argmax(0), np.arange(len(chosen))]
 
 
 def _start_robot(

@@ -12,12 +12,7 @@ from mulan.reconstruction.refinement.refinement_config import RefinementConfig
 
 
 class PoseTracker:
-    """Called between the steps of a training; moves the uncertain images now and then.
-
-    Where no image is exact, the world's frame hangs on the few that localization knows best. This field shows
-    them more sharply than registration's did, so at first it may lie anywhere; then all poses are put where
-    the world's frame says and rest, until the field has followed.
-    """
+    """Called between the steps of a training; moves the uncertain images now and then."""
 
     def __init__(self, state: PoseState, config: RefinementConfig, seed: int) -> None:
         """Follow from where registration left the poses.
@@ -30,7 +25,6 @@ class PoseTracker:
         self._state, self._config = state, config
         self._compared: ComparedPixels | None = None
         self._random = torch.Generator().manual_seed(seed + 4)
-        self._rests_until = 0.0
 
     def begin(self, data: PosedPixels) -> None:
         """Let the photographs stand at the tracked poses."""
@@ -40,12 +34,7 @@ class PoseTracker:
     def after_step(self, engine: RadianceEngine, data: PosedPixels, steps: int, fraction_done: float) -> None:
         """Move the poses if it is time."""
         config = self._config
-        frame_is_free = len(self._state.image) == len(data) and fraction_done < config.frame_until
-        if not frame_is_free and not np.array_equal(self._state.T_world_field, np.eye(4)):
-            self._state.T_world_field, self._rests_until = np.eye(4), fraction_done + config.frame_rest
-            self._state.place(data)
-        moves = max(config.final_from, self._rests_until) <= fraction_done <= config.final_until
-        if steps % config.final_every or not moves:
+        if steps % config.final_every or not config.final_from <= fraction_done <= config.final_until:
             return
         assert self._compared is not None
         share = config.first_step_share * (1 - fraction_done / config.final_until)
@@ -58,7 +47,6 @@ class PoseTracker:
             config.residual_area_px,
             self._random,
             share,
-            frame_is_free,
         )
         self._state.place(data)
 
@@ -67,9 +55,7 @@ class PoseTracker:
         s = self._state
         return {
             "poses.T_world_camera": torch.from_numpy(s.T.copy()),
-            "poses.T_world_field": torch.from_numpy(s.T_world_field.copy()),
             "poses.damping": torch.from_numpy(s.damping.copy()),
-            "poses.rests_until": torch.tensor(self._rests_until, dtype=torch.float64),
             "poses.generator": self._random.get_state(),
         }
 
@@ -81,14 +67,11 @@ class PoseTracker:
         """
         s = self._state
         try:
-            names = ("T_world_camera", "T_world_field", "damping")
-            T, T_world_field, damping = (saved.pop(f"poses.{name}").numpy() for name in names)
-            rests_until = float(saved.pop("poses.rests_until"))
+            T, damping = (saved.pop(f"poses.{name}").numpy() for name in ("T_world_camera", "damping"))
             generator = saved.pop("poses.generator")
         except KeyError as error:
             raise ValueError(f"the saved training lacks {error}") from error
         if T.shape != s.T.shape or not np.isfinite(T).all():
             raise ValueError("the saved poses are of other images")
-        s.T, s.T_world_field, s.damping = T.copy(), T_world_field.copy(), damping.copy()
-        self._rests_until = rests_until
+        s.T, s.damping = T.copy(), damping.copy()
         self._random.set_state(generator)

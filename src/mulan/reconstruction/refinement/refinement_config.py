@@ -56,11 +56,6 @@ class RefinementConfig:
     misleads them by more than registration left to mend."""
     final_until: float = 0.85
     """Share of the final training after which poses rest."""
-    frame_until: float = 0.5
-    """Where no image is exact, the share of the final training up to which the field as a whole may lie
-    elsewhere than the world's frame has it."""
-    frame_rest: float = 0.1
-    """Share of the final training in which poses rest after that: they would follow the field back."""
     residual_area_px: float = 4.0
     """Pixels whose residuals agree with each other, as an area."""
     independent_residuals: float = 6.0
