@@ -4,7 +4,7 @@ import pytest
 
 from mulan.radiance.kernels.native_library import NativeLibrary
 from tests.native.conftest import BUILDS
-from tests.native.sanitizers import FUZZ, MEMORY, THREADS, Sanitizer, build
+from tests.native.sanitizers import FUZZ, MEMORY, RACE, THREADS, Sanitizer, build
 
 
 @pytest.mark.parametrize(("sanitizer", "cases"), [(MEMORY, 60), (THREADS, 25)], ids=["memory", "threads"])
@@ -19,3 +19,13 @@ def test_odd_rays_are_harmless_under_a_sanitizer(
     done = sanitizer.run(str(FUZZ), str(path), str(cases))
     assert done.returncode == 0, done.stderr[-4000:]
     assert "clean" in done.stdout
+
+
+def test_the_thread_sanitizer_sees_a_planted_race(library: NativeLibrary) -> None:
+    if not shutil.which("cmake") or not THREADS.runtime_path():
+        pytest.skip(f"no cmake, or the compiler has no {THREADS.runtime}")
+    widest = next(name for name in BUILDS if library.use_instruction_set(name))
+    done = THREADS.run(str(RACE), str(build(THREADS, f"-DMULAN_ONLY={widest}")))
+    assert done.returncode != 0
+    assert "data race" in done.stderr
+    assert "adam" in done.stderr

@@ -73,6 +73,9 @@ def draw_cases(cases: Mapping[str, Mapping[str, Any]], path: Path) -> None:
         ylim=(0, 2),
         title="NEES per freedom, two robots (±2 standard errors)",
     )
+    counts = sorted({case["robots"] for case in cases.values() if case["robots"] > 2})
+    axes[1].set_xticks(counts, [str(count) for count in counts])
+    axes[1].set_xticks([], minor=True)
     for panel in axes[:2]:
         panel.plot([], [], "--", color="0.4", lw=1, label="Cramér–Rao bound")
     for panel in axes:
