@@ -12,7 +12,7 @@ from mulan.mission.posed_images import PosedImageSet
 from mulan.mission.run_folder import RunFolder
 from mulan.radiance.kernels.native_library import find_native_library
 from mulan.reconstruction.captured_image import load_captured
-from mulan.reconstruction.refinement.anchored import anchored_images, frame_holders
+from mulan.reconstruction.refinement.anchored import anchored_images
 from mulan.reconstruction.refinement.refine import image_names, refine_and_train
 from mulan.reconstruction.refinement.refinement_config import CoarseStage, RefinementConfig
 from mulan.reconstruction.train_config import TrainConfig
@@ -152,17 +152,3 @@ def test_registration_starts_from_the_robot_known_best(uncertain):
         ),
     )
     assert anchored_images(load_captured(vague.train, 16)).tolist() == [True, False] * 12
-
-
-def test_the_frame_is_held_by_a_few_that_are_known_much_better_than_the_rest(uncertain):
-    images, _ = uncertain
-    known = [
-        replace(i, pose_covariance=(0.001 if k in (0, 5) else 1.0) * np.eye(6))
-        for k, i in enumerate(images.train)
-    ]
-    held = frame_holders(load_captured(known, 16))
-    assert held.nonzero()[0].tolist() == [0, 5]
-    half = [
-        replace(i, pose_covariance=(0.001 if k % 2 else 1.0) * np.eye(6)) for k, i in enumerate(images.train)
-    ]
-    assert not frame_holders(load_captured(half, 16)).any()

@@ -10,9 +10,6 @@ from mulan.radiance.space import SceneSpace
 from mulan.reconstruction.captured_image import CapturedImage
 from mulan.reconstruction.scene_space import choose_space
 
-_HOLDS = 0.25  # of the median image's standard deviation of position
-_FEW = 0.1  # of the images
-
 
 def anchored_images(images: Sequence[CapturedImage]) -> Bool[NDArray, "n"]:
     """Images of the robot whose positions are known best, and all exact ones."""
@@ -35,15 +32,3 @@ def anchored_space(images: Sequence[CapturedImage]) -> SceneSpace:
     """Where the scene is, as those images see it."""
     known = anchored_images(images)
     return choose_space([image for image, anchored in zip(images, known, strict=True) if anchored])
-
-
-def frame_holders(images: Sequence[CapturedImage]) -> Bool[NDArray, "n"]:
-    """The few images known so much better than all others that the world's frame hangs on them alone.
-
-    A field learnt from such an image bends towards it wherever its frame lies, and the error would stay; what
-    the others say of the same place tells. None if they are more than a few: a field could not do without
-    them.
-    """
-    spread_m = np.array([position_sigma_m(image) for image in images])
-    holders = spread_m < _HOLDS * np.median(spread_m)
-    return holders if holders.mean() <= _FEW else np.zeros_like(holders)

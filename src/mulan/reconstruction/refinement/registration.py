@@ -13,7 +13,7 @@ from mulan.radiance.engine import RadianceEngine
 from mulan.reconstruction.captured_image import CapturedImage
 from mulan.reconstruction.dataset import ImageTensors
 from mulan.reconstruction.field_choice import choose_field, choose_march, choose_optimiser
-from mulan.reconstruction.refinement.anchored import anchored_images, anchored_space, frame_holders
+from mulan.reconstruction.refinement.anchored import anchored_images, anchored_space
 from mulan.reconstruction.refinement.blurred_images import blurred
 from mulan.reconstruction.refinement.compared_pixels import ComparedPixels
 from mulan.reconstruction.refinement.gauss_newton import PoseState, gauss_newton_step
@@ -71,7 +71,6 @@ def register(
     torch_random, random = torch.Generator().manual_seed(seed + 2), np.random.default_rng(seed + 3)
     frame_is_free = len(state.image) == len(images)
     stages = (*config.stages, config.frame_stage) if frame_is_free else config.stages
-    holders = frame_holders(images)
     clock = _Clock(progress, config.first.steps + sum(stage.steps for stage in stages))
 
     def learn(data: ImageTensors, stage: CoarseStage, compared: ComparedPixels | None = None) -> None:
@@ -83,23 +82,20 @@ def register(
             report = engine.train_step(data.sample(rays, torch_random), 1.0)
             rays = next_rays(rays, report.samples, config.batch_samples)
             if compared and (step + 1) % config.pose_every == 0:
-                move_poses(compared, stage, step_share(stage, step / stage.steps))
+                move_poses(compared, stage)
                 if exposure:
                     exposure.fit(engine, compared.data)
             clock.tick(f"registering, {len(state.image)} images")
 
-    def step_share(stage: CoarseStage, done: float) -> float:
-        # the frame hangs on few pixels of few images: its last steps average the noise of their draws
-        return 1 - (1 - config.least_step_share) * done if stage is config.frame_stage else 1.0
-
-    def move_poses(compared: ComparedPixels, stage: CoarseStage, share: float = 1.0) -> None:
+    def move_poses(compared: ComparedPixels, stage: CoarseStage) -> None:
         area = (2 * stage.blur_px + 1) ** 2 * config.residual_area_px
-        gauss_newton_step(engine, compared, state, config.rays, area, torch_random, share, frame_is_free)
+        gauss_newton_step(
+            engine, compared, state, config.rays, area, torch_random, frame_is_free=frame_is_free
+        )
         state.place(compared.data)
 
     def tensors(stage: CoarseStage) -> ImageTensors:
-        smooth = blurred(images, stage.blur_px)
-        data = _tensors(smooth, ~holders) if stage is config.frame_stage else ImageTensors(smooth)
+        data = ImageTensors(blurred(images, stage.blur_px))
         if exposure:
             exposure.begin(data)
         return data
