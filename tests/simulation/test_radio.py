@@ -5,13 +5,8 @@ import pytest
 
 from mulan.errors import InputError
 from mulan.simulation.image_sources import RoomConfig, image_sources
-from mulan.simulation.radio import (
-    SPEED_OF_LIGHT_M_PER_S,
-    SUBCARRIER_INDEX,
-    RadioConfig,
-    multipath_channel,
-    simulate_csi,
-)
+from mulan.simulation.propagation import SPEED_OF_LIGHT_M_PER_S, Mirrors, multipath_channel
+from mulan.simulation.radio import SUBCARRIER_INDEX, RadioConfig, simulate_csi
 
 QUIET = RadioConfig(
     phase_noise_rad=0.0,
@@ -35,7 +30,9 @@ def _moving(time_s):
 
 def _pair(config: RadioConfig, room: RoomConfig | None = None, seed: int = 0):
     paths = (_moving, _still(3.0, 2.0, 1.2))
-    return simulate_csi(("alpha", "beta"), paths, INTERVALS, room, config, np.random.default_rng(seed))
+    return simulate_csi(
+        ("alpha", "beta"), paths, INTERVALS, Mirrors(room), config, np.random.default_rng(seed)
+    )
 
 
 def test_subcarriers_are_the_thirty_of_an_intel_5300():

@@ -15,7 +15,9 @@ from mulan.mission.bag_writer import write_mission
 from mulan.mission.image_sets import read_posed_images
 from mulan.mission.types import Mission
 from mulan.simulation.from_images import ImageMissionConfig, simulate_from_images
+from mulan.simulation.radio_kind import RadioKind
 from mulan.simulation.recording import SensorConfig
+from mulan.simulation.sionna_config import SionnaConfig
 from mulan.simulation.timeline import TourConfig
 from mulan.simulation.world_kind import WorldKind
 
@@ -32,6 +34,11 @@ class Options:
     """Without --images: which built-in world to photograph."""
     scene_file: Annotated[Path | None, tyro.conf.arg(aliases=["--scene"])] = None
     """Mitsuba XML scene (z up, metres, its subject at the origin) instead of a built-in world."""
+    radio: EnumChoicesFromValues[RadioKind] = RadioKind.MIRRORS
+    """Without --images: what carries the radio, the walls of the world's box as mirrors or rays traced
+    among all things of the scene (pip install 'mulan[sionna]')."""
+    sionna: SionnaConfig = field(default_factory=SionnaConfig)
+    """With --radio sionna: how rays are traced."""
     active: bool = False
     """The robots choose their own views in a closed loop, and a whole run comes out; it has
     options of its own, see 'mulan simulate --active --help'."""
@@ -66,6 +73,8 @@ def simulate(options: Options) -> Mission:
     if options.images is not None:
         if options.scene_file is not None:
             raise InputError("options", "--scene-file", "and --images exclude each other", "give one")
+        if options.radio is RadioKind.SIONNA:
+            raise InputError("options", "--radio sionna", "needs a scene", "leave --images out")
         images = read_posed_images(options.images, options.hold_out_every)
         console.print(f"{len(images.train)} photographs to share, {len(images.test)} held out")
         config = ImageMissionConfig(
@@ -88,6 +97,8 @@ def simulate(options: Options) -> Mission:
         samples_per_pixel=options.samples_per_pixel,
         world=options.world,
         scene_file=options.scene_file,
+        radio=options.radio,
+        sionna=options.sionna,
         seed=options.seed,
         tour=options.tour,
         sensors=options.sensors,

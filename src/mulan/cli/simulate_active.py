@@ -27,6 +27,8 @@ from mulan.reconstruction.field_file import load_field
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.weights import UncertaintyWeights
 from mulan.report.page import write_report
+from mulan.simulation.radio_kind import RadioKind
+from mulan.simulation.sionna_config import SionnaConfig
 from mulan.simulation.world_kind import WorldKind
 
 
@@ -44,6 +46,11 @@ class Options:
     """Which built-in world."""
     scene_file: Annotated[Path | None, tyro.conf.arg(aliases=["--scene"])] = None
     """Mitsuba XML scene (z up, metres, its subject at the origin) instead of a built-in world."""
+    radio: EnumChoicesFromValues[RadioKind] = RadioKind.MIRRORS
+    """What carries the radio, the walls of the world's box as mirrors or rays traced among all things of
+    the scene (pip install 'mulan[sionna]')."""
+    sionna: SionnaConfig = field(default_factory=SionnaConfig)
+    """With --radio sionna: how rays are traced."""
     robots: int = 3
     """Number of robots."""
     seed: int = 0
@@ -103,6 +110,8 @@ def explore(options: Options, run: RunFolder) -> None:
         height=options.height,
         world=options.world,
         scene_file=options.scene_file,
+        radio=options.radio,
+        sionna=options.sionna,
         seed=options.seed,
     )
     config = ExplorationConfig(

@@ -15,6 +15,7 @@ from mulan.geometry.camera import PinholeCamera
 from mulan.mission.posed_images import PosedImage, PosedImageSet
 from mulan.mission.types import HeldOutViews, Mission, Photo
 from mulan.simulation.image_sources import RoomConfig
+from mulan.simulation.propagation import Mirrors
 from mulan.simulation.recording import (
     CameraTour,
     SensorConfig,
@@ -88,7 +89,7 @@ def simulate_from_images(images: PosedImageSet, config: ImageMissionConfig) -> M
 
     motions = plan_camera_tours(tours, config.tour)
     room = room_around(motions) if config.room == "auto" else None
-    return record_mission(tours, motions, room, config.sensors, held_out, config.seed)
+    return record_mission(tours, motions, Mirrors(room), config.sensors, held_out, config.seed)
 
 
 def share_views(

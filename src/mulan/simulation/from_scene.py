@@ -15,6 +15,8 @@ from mulan.errors import InputError
 from mulan.geometry.camera import PinholeCamera
 from mulan.mission.types import HeldOutViews, Mission, Photo
 from mulan.simulation.course import Course, RingCourse
+from mulan.simulation.radio_kind import RadioKind
+from mulan.simulation.radio_surfaces import radio_surfaces
 from mulan.simulation.recording import (
     CameraTour,
     SensorConfig,
@@ -23,6 +25,8 @@ from mulan.simulation.recording import (
     robot_names,
 )
 from mulan.simulation.scene import SceneConfig, render_view
+from mulan.simulation.sionna_config import SionnaConfig
+from mulan.simulation.sionna_radio import SionnaRadio
 from mulan.simulation.timeline import TourConfig
 from mulan.simulation.world import ROOM_COURSE, World, build_world, course_of, world_of_file
 from mulan.simulation.world_kind import WorldKind
@@ -55,8 +59,12 @@ class SceneMissionConfig:
     world: WorldKind = WorldKind.ROOM
     """Which built-in world."""
     scene_file: Path | None = None
-    """A Mitsuba XML scene (z up, metres) instead of the built-in ones, its subject at the origin; the radio
-    keeps the walls of the built-in room."""
+    """A Mitsuba XML scene (z up, metres) instead of the built-in ones, its subject at the origin; the
+    built-in radio keeps the walls of the built-in room."""
+    radio: RadioKind = RadioKind.MIRRORS
+    """What carries the radio."""
+    sionna: SionnaConfig = field(default_factory=SionnaConfig)
+    """How Sionna RT traces rays, if it carries the radio."""
     scene: SceneConfig = field(default_factory=SceneConfig)
     """The built-in room; its walls reflect the radio too."""
     radius_m: tuple[float, float] = ROOM_COURSE.radius_m
@@ -89,11 +97,18 @@ class SceneMissionConfig:
         """The world.
 
         Raises:
-            InputError: The scene file cannot be used.
+            InputError: The scene file cannot be used, or Sionna RT is missing.
         """
+        world = self._world(self.scene)
+        if self.radio is RadioKind.MIRRORS:
+            return world
+        unmerged = self._world(replace(self.scene, merge_meshes=False)).scene
+        return replace(world, propagation=SionnaRadio(radio_surfaces(unmerged), self.sionna))
+
+    def _world(self, scene: SceneConfig) -> World:
         if self.scene_file is not None:
-            return world_of_file(self.scene_file, self.course, self.scene.room)
-        return replace(build_world(self.world, self.scene), course=self.course)
+            return world_of_file(self.scene_file, self.course, scene)
+        return replace(build_world(self.world, scene), course=self.course)
 
 
 def simulate_from_scene(config: SceneMissionConfig, progress: Progress | None = None) -> Mission:
@@ -137,7 +152,7 @@ def simulate_from_scene(config: SceneMissionConfig, progress: Progress | None = 
             camera, tuple(Photo(float(k), "jpeg", data) for k, data in enumerate(files)), T
         )
     motions = plan_camera_tours(tours, config.tour)
-    return record_mission(tours, motions, world.walls, config.sensors, held_out, config.seed)
+    return record_mission(tours, motions, world.propagation, config.sensors, held_out, config.seed)
 
 
 def jpeg(scene: mi.Scene, camera: PinholeCamera, T: Float[NDArray, "4 4"], samples: int, seed: int) -> bytes:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from mulan.geometry import se3
 from mulan.mission.types import CsiTrack, OdometryTrack, Photo, PoseTrack, RangeTrack, RobotLog
-from mulan.simulation.image_sources import RoomConfig
 from mulan.simulation.odometry import simulate_odometry, start_frame
+from mulan.simulation.propagation import Propagation
 from mulan.simulation.radio import simulate_csi
 from mulan.simulation.recording import SensorConfig
 from mulan.simulation.timeline import RobotMotion
@@ -42,14 +42,14 @@ class Leg:
 
 
 def record_leg(
-    leg: Leg, logs: Mapping[str, RobotLog], walls: RoomConfig | None, sensors: SensorConfig, seed: int
+    leg: Leg, logs: Mapping[str, RobotLog], propagation: Propagation, sensors: SensorConfig, seed: int
 ) -> tuple[RobotLog, ...]:
     """The logs of one leg alone: odometry goes on from where it was, packet counters and clocks too.
 
     Args:
         leg: Who moves how.
         logs: What every robot recorded so far; their mounts and lenses are kept.
-        walls: What reflects the radio.
+        propagation: What carries the radio.
         sensors: Noise of all sensors.
         seed: Source of all randomness; a pair's constant range bias depends on it alone.
     """
@@ -64,7 +64,7 @@ def record_leg(
         intervals_s = np.concatenate([first.aperture_s, second.aperture_s])
         intervals_s = intervals_s[np.argsort(intervals_s[:, 0])]
         wifi = tuple(_antenna(leg, name, logs[name].wifi_antenna_body_m) for name in (a, b))
-        at_a, at_b = simulate_csi((a, b), (wifi[0], wifi[1]), intervals_s, walls, sensors.radio, rng)
+        at_a, at_b = simulate_csi((a, b), (wifi[0], wifi[1]), intervals_s, propagation, sensors.radio, rng)
         packets = max(_last_counter(logs[a], b), _last_counter(logs[b], a))
         csi[a][b], csi[b][a] = (_later_packets(track, leg.start_s, packets) for track in (at_a, at_b))
         bias = np.random.default_rng([seed, 12, *key]).normal()

@@ -8,9 +8,8 @@ from jaxtyping import Complex, Float
 from numpy.typing import NDArray
 
 from mulan.mission.types import CsiTrack
-from mulan.simulation.image_sources import RoomConfig, image_sources
+from mulan.simulation.propagation import Propagation
 
-SPEED_OF_LIGHT_M_PER_S = 299_792_458.0
 SUBCARRIER_SPACING_HZ = 312_500.0
 # 802.11n, 20 MHz, grouping 2: the 30 subcarriers an Intel 5300 reports
 SUBCARRIER_INDEX = np.array([*range(-28, 0, 2), -1, *range(1, 28, 2), 28], dtype=float)
@@ -50,29 +49,11 @@ class RadioConfig:
         return self.center_frequency_hz + SUBCARRIER_SPACING_HZ * SUBCARRIER_INDEX
 
 
-def multipath_channel(
-    transmitter_world_m: Float[NDArray, "n 3"],
-    receiver_world_m: Float[NDArray, "n 3"],
-    subcarrier_hz: Float[NDArray, "s"],
-    room: RoomConfig | None,
-) -> Complex[NDArray, "n s"]:
-    """Noise-free channel ``Σ_paths (g / d) exp(-j 2π f d / c)`` with exact spherical distances d.
-
-    This is the paper's channel equation written out; the sign means that phase falls as distance grows (the
-    printed sign is discussed in docs/readings, row 5).
-    """
-    images, amplitude = image_sources(transmitter_world_m, room)
-    distance_m = np.linalg.norm(images - receiver_world_m[:, None, :], axis=-1)
-    wavenumber = 2 * np.pi * subcarrier_hz / SPEED_OF_LIGHT_M_PER_S
-    paths = (amplitude / distance_m)[:, :, None] * np.exp(-1j * distance_m[:, :, None] * wavenumber)
-    return paths.sum(1)
-
-
 def simulate_csi(
     names: tuple[str, str],
     antennas: tuple[AntennaPath, AntennaPath],
     intervals_s: Float[NDArray, "k 2"],
-    room: RoomConfig | None,
+    propagation: Propagation,
     config: RadioConfig,
     rng: np.random.Generator,
 ) -> tuple[CsiTrack, CsiTrack]:
@@ -80,13 +61,14 @@ def simulate_csi(
 
     The second robot sends, the first receives and replies; both packets carry the same counter. The first
     robot sees the carrier offset as phase +θ(t), the second as -θ(t + reply delay), so the plain product of a
-    pair cancels it. Each packet has its own phase noise, timing slope, gain and complex noise.
+    pair cancels it. Each packet has its own phase noise, timing slope, gain and complex noise. A packet that
+    no path carries is lost.
 
     Args:
         names: The two robots.
         antennas: Where their WiFi antennas truly are.
         intervals_s: Begin and end of each recording.
-        room: Walls, or None for free space.
+        propagation: What lies between the antennas.
         config: The link.
         rng: Source of all randomness.
 
@@ -109,13 +91,14 @@ def simulate_csi(
     theta_reply = theta + 2 * np.pi * offset_hz * config.reply_delay_s
 
     first, second = antennas
-    forward = multipath_channel(second(time_s), first(time_s), frequency, room)
-    reverse = multipath_channel(first(reply_time_s), second(reply_time_s), frequency, room)
+    forward = propagation.channel(second(time_s), first(time_s), frequency)
+    reverse = propagation.channel(first(reply_time_s), second(reply_time_s), frequency)
+    heard, answer_heard = forward.any(axis=1), reverse.any(axis=1)
     forward = _measured(forward, theta, config, rng)
     reverse = _measured(reverse, -theta_reply, config, rng)
 
-    arrived = rng.random(len(time_s)) >= config.packet_loss
-    answered = arrived & (rng.random(len(time_s)) >= config.packet_loss)
+    arrived = heard & (rng.random(len(time_s)) >= config.packet_loss)
+    answered = arrived & answer_heard & (rng.random(len(time_s)) >= config.packet_loss)
     counter = np.arange(1, len(time_s) + 1, dtype=np.uint32)
 
     def track(peer: str, stamps: NDArray, channel: NDArray, kept: NDArray) -> CsiTrack:

@@ -13,8 +13,8 @@ from mulan.errors import InputError
 from mulan.geometry import se3
 from mulan.geometry.camera import PinholeCamera
 from mulan.mission.types import CsiTrack, HeldOutViews, Mission, Photo, PoseTrack, RangeTrack, RobotLog
-from mulan.simulation.image_sources import RoomConfig
 from mulan.simulation.odometry import OdometryNoiseConfig, simulate_odometry
+from mulan.simulation.propagation import Propagation
 from mulan.simulation.radio import RadioConfig, simulate_csi
 from mulan.simulation.timeline import RobotMotion, TourConfig, plan_motions
 from mulan.simulation.tour import view_path
@@ -87,7 +87,7 @@ def plan_camera_tours(tours: Sequence[CameraTour], config: TourConfig) -> tuple[
 def record_mission(
     tours: Sequence[CameraTour],
     motions: Sequence[RobotMotion],
-    room: RoomConfig | None,
+    propagation: Propagation,
     sensors: SensorConfig,
     held_out: HeldOutViews | None,
     seed: int,
@@ -99,7 +99,7 @@ def record_mission(
     Args:
         tours: What each robot photographs.
         motions: Its true motion past these views.
-        room: Walls that reflect radio, or None for free space.
+        propagation: What carries the radio.
         sensors: Noise of all sensors.
         held_out: Test views to pass along.
         seed: Source of all randomness; robots and pairs draw from streams of their own.
@@ -113,7 +113,7 @@ def record_mission(
         intervals_s = np.concatenate([motions[a].aperture_s, motions[b].aperture_s])
         intervals_s = intervals_s[np.argsort(intervals_s[:, 0])]
         wifi = (_antenna(motions[a], WIFI_ANTENNA_BODY_M), _antenna(motions[b], WIFI_ANTENNA_BODY_M))
-        at_a, at_b = simulate_csi(pair, wifi, intervals_s, room, sensors.radio, rng_csi)
+        at_a, at_b = simulate_csi(pair, wifi, intervals_s, propagation, sensors.radio, rng_csi)
         csi[pair[0]][pair[1]], csi[pair[1]][pair[0]] = at_a, at_b
         uwb = (_antenna(motions[a], UWB_ANTENNA_BODY_M), _antenna(motions[b], UWB_ANTENNA_BODY_M))
         to_b, to_a = simulate_ranges(pair, uwb, motions[a].end_s, sensors.uwb, rng_uwb)

@@ -35,6 +35,8 @@ class SceneConfig:
     """Longest light path, in bounces from the camera."""
     seed: int = 7
     """Pattern of boards, bricks and books."""
+    merge_meshes: bool = True
+    """Make one of all meshes of one surface, for speed; only unmerged ones keep their names."""
 
 
 def build_scene(config: SceneConfig) -> mi.Scene:
@@ -64,18 +66,19 @@ def build_room(
         part["to_world"] = mi.ScalarTransform4f(T_room.tolist()) @ part.get(
             "to_world", mi.ScalarTransform4f()
         )
-    return assemble(parts, config.max_depth)
+    return assemble(parts, config)
 
 
-def assemble(parts: dict[str, Node], max_depth: int) -> mi.Scene:
+def assemble(parts: dict[str, Node], config: SceneConfig) -> mi.Scene:
     """A scene of parts.
 
     Args:
         parts: Shapes and emitters by name.
-        max_depth: Longest light path, in bounces from the camera.
+        config: Longest light path, and whether meshes are merged.
     """
     use_scalar_variant()
-    scene = mi.load_dict({"type": "scene", "integrator": {"type": "path", "max_depth": max_depth}} | parts)
+    integrator = {"type": "path", "max_depth": config.max_depth}
+    scene = mi.load_dict({"type": "scene", "integrator": integrator} | parts, optimize=config.merge_meshes)
     assert isinstance(scene, mi.Scene)
     return scene
 
@@ -88,8 +91,12 @@ def _lights(config: SceneConfig, width_m: float, depth_m: float, height_m: float
     return {"ceiling": ceiling, "skylight": skylight, "lamp": warm}
 
 
-def load_scene_file(path: Path) -> mi.Scene:
+def load_scene_file(path: Path, merge_meshes: bool = True) -> mi.Scene:
     """A user's own Mitsuba XML scene (z up, metres).
+
+    Args:
+        path: The file.
+        merge_meshes: As in :class:`SceneConfig`.
 
     Raises:
         InputError: The file is missing or Mitsuba cannot make a scene of it.
@@ -98,7 +105,7 @@ def load_scene_file(path: Path) -> mi.Scene:
     if not path.is_file():
         raise InputError(path, "scene", "no such file", "name a Mitsuba 3 XML scene")
     try:
-        scene = mi.load_file(str(path))
+        scene = mi.load_file(str(path), optimize=merge_meshes)
     except RuntimeError as error:
         reason = " ".join(str(error).split())
         raise InputError(path, "scene", reason, "correct it until 'mitsuba' itself can render it") from error

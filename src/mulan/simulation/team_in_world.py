@@ -173,7 +173,7 @@ class TeamInWorld:
             for name, way in ways.items()
         }
         leg = Leg(self._legs, self._now_s, motions, photos)
-        recorded = record_leg(leg, self._logs, self.world.walls, self._config.sensors, self._seed)
+        recorded = record_leg(leg, self._logs, self.world.propagation, self._config.sensors, self._seed)
         for log in recorded:
             self._logs[log.name] = joined(self._logs[log.name], log)
         for name, way in ways.items():

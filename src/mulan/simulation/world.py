@@ -8,6 +8,7 @@ import numpy as np
 
 from mulan.simulation.course import Course, RingCourse, WayCourse
 from mulan.simulation.image_sources import RoomConfig
+from mulan.simulation.propagation import Mirrors, Propagation
 from mulan.simulation.scene import SceneConfig, assemble, build_room, build_scene, load_scene_file
 from mulan.simulation.scene_corridor import HEIGHT_M, MIDDLE_M, corridor
 from mulan.simulation.scene_tabletop import TOP_HEIGHT_M, tabletop
@@ -30,13 +31,13 @@ class World:
     Attributes:
         scene: What is photographed, and what robots would run into.
         course: Where cameras go.
-        walls: What reflects the radio, or None for free space. In the corridor it is the box about it: the
-            radio does not know the inner walls.
+        propagation: What carries the radio. The built-in one knows the walls of the room and of the table's
+            room, free space in the yard, and the box about the corridor without its inner walls.
     """
 
     scene: mi.Scene
     course: Course
-    walls: RoomConfig | None
+    propagation: Propagation
 
 
 def course_of(kind: WorldKind) -> Course:
@@ -54,20 +55,25 @@ def build_world(kind: WorldKind, config: SceneConfig) -> World:
     course, rng = _COURSES[kind], np.random.default_rng(config.seed)
     match kind:
         case WorldKind.ROOM:
-            return World(build_scene(config), course, config.room)
+            return World(build_scene(config), course, Mirrors(config.room))
         case WorldKind.TABLETOP:
-            return World(build_room(config, tabletop, rng), course, config.room)
+            return World(build_room(config, tabletop, rng), course, Mirrors(config.room))
         case WorldKind.CORRIDOR:
             walls = RoomConfig((-5.0, -3.5, 0.0), (5.0, 3.5, HEIGHT_M))
-            return World(assemble(corridor(rng), config.max_depth), course, walls)
+            return World(assemble(corridor(rng), config), course, Mirrors(walls))
         case WorldKind.YARD:
-            return World(assemble(yard(rng), config.max_depth), course, None)
+            return World(assemble(yard(rng), config), course, Mirrors(None))
 
 
-def world_of_file(path: Path, course: Course, walls: RoomConfig | None) -> World:
+def world_of_file(path: Path, course: Course, config: SceneConfig) -> World:
     """A user's Mitsuba scene (z up, metres).
+
+    Args:
+        path: The XML file.
+        course: Where cameras go.
+        config: Whose walls the built-in radio keeps.
 
     Raises:
         InputError: The file is missing or Mitsuba cannot make a scene of it.
     """
-    return World(load_scene_file(path), course, walls)
+    return World(load_scene_file(path, config.merge_meshes), course, Mirrors(config.room))
