@@ -17,6 +17,7 @@ from mulan.planning.scores.ensemble import EnsembleVariance
 from mulan.planning.scores.farthest_point import FarthestPoint
 from mulan.planning.scores.random_order import RandomOrder
 from mulan.planning.scores.rank_sum import RankSum, default_score
+from mulan.planning.scores.surround_coverage import SurroundCoverage, surrounding
 from mulan.planning.scores.variance_posterior import VariancePosterior
 from mulan.planning.selection import choose_views
 from mulan.planning.view import View
@@ -176,12 +177,13 @@ def test_a_view_of_nothing_teaches_nothing():
         assert score(knowing(view(180), fields=MEMBERS), [away]) == pytest.approx(0, abs=1e-6)
 
 
-def test_the_reduction_with_propagated_noise_is_that_with_sampled_poses():
+@pytest.mark.parametrize("sigma_m", [0.005, 0.02, 0.05])
+def test_the_reduction_with_propagated_noise_is_that_with_sampled_poses(sigma_m):
     from mulan.geometry import se3
     from mulan.planning.rays import camera_rays
     from mulan.planning.score import CandidateView, posterior_variance, ray_variance, variance_reduction
 
-    engine, sigma_m, columns = BallEngine(stripes=3.0), 0.02, 12
+    engine, columns = BallEngine(stripes=3.0), 12
     covariance = np.diag([1e-6] * 3 + [sigma_m**2] * 3)
     candidate = CandidateView(CAMERA, view(30).T_world_camera, covariance, columns)
     twists = np.random.default_rng(0).normal(size=(150, 6)) * np.sqrt(np.diag(covariance))
@@ -192,3 +194,19 @@ def test_the_reduction_with_propagated_noise_is_that_with_sampled_poses():
     after = posterior_variance(samples, noise[samples.ray_index])
     sampled = float((samples.variance - after).sum()) / columns**2
     assert variance_reduction(engine, candidate, PropagatedPosterior()) == pytest.approx(sampled, rel=0.1)
+
+
+def test_all_around_a_robot_goes_where_nobody_has_been_and_stays_in_sight_of_the_scene():
+    knowledge = knowing(view(0), view(20))
+    on, between, out, away = view(40), view(10), view(20, distance_m=2.4), view(40, target=(9.0, 0.0, 0.0))
+    worth = SurroundCoverage()(knowledge, [on, between, out, away])
+    assert int(np.argmax(worth)) == 0
+    assert worth[0] > 2 * worth[1]
+    assert worth[3] == pytest.approx(0, abs=1e-3)
+
+
+def test_views_from_all_around_stand_level_about_what_the_cameras_look_at():
+    around = surrounding([view(angle).T_world_camera for angle in (0, 50, 80)], 12)
+    radius_m = np.linalg.norm(around[:, :2, 3], axis=1)
+    assert radius_m == pytest.approx(radius_m[0], rel=0.02)
+    assert np.ptp(around[:, 2, 3]) < 1e-9

@@ -35,9 +35,12 @@ class CellWorth:
 
     def of(self, candidates: Sequence[View]) -> csr_array:
         """Worth of each candidate (row) in each cell (column); the first call sets the units."""
+        for score in self._scores:
+            score.look_ahead(self._knowledge, candidates)
+        found = [_by_cell(self._scores, self._knowledge, view) for view in candidates]
         parts = [
-            _rows([_by_cell(score, self._knowledge, view) for view in candidates], self._knowledge.grid.cells)
-            for score in self._scores
+            _rows([(cell, worth[k]) for cell, worth in found], self._knowledge.grid.cells)
+            for k in range(len(self._scores))
         ]
         if self._units is None and candidates:
             self._units = tuple(max(float(part.sum()) / len(candidates), 1e-12) for part in parts)
@@ -48,14 +51,17 @@ class CellWorth:
 
 
 def _by_cell(
-    score: RayScore, knowledge: Knowledge, candidate: View
-) -> tuple[Int[NDArray, "seen"], Float[NDArray, "seen"]]:
-    """Cells a candidate sees, and what it would teach in each."""
-    seen = knowledge.look(candidate)
-    of_ray = score.information(knowledge, candidate) * seen.certainty
-    of_ray = of_ray / torch.bincount(seen.ray, minlength=len(of_ray)).clamp_min(1)
-    cell, number = torch.unique(seen.cell, return_inverse=True)
-    return cell.numpy(), torch.zeros(len(cell)).index_add(0, number, of_ray[seen.ray]).numpy()
+    scores: Sequence[RayScore], knowledge: Knowledge, candidate: View
+) -> tuple[Int[NDArray, "seen"], list[Float[NDArray, "seen"]]]:
+    """Cells a candidate sees, and by each score what it would teach in each."""
+    look = knowledge.look(candidate)
+    sights = torch.bincount(look.ray, minlength=len(look.origins)).clamp_min(1)
+    cell, number = look.seen.cell, look.seen.of_sight
+    worth = []
+    for score in scores:
+        of_ray = score.information(knowledge, candidate) * look.certainty / sights
+        worth.append(torch.zeros(len(cell)).index_add(0, number, of_ray[look.ray]).numpy())
+    return cell.numpy(), worth
 
 
 def _rows(found: Sequence[tuple[Int[NDArray, "_"], Float[NDArray, "_"]]], cells: int) -> csr_array:

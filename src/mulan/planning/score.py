@@ -1,6 +1,7 @@
 """What a view would teach: the expected fall of the field's colour variance along its rays."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,18 +85,36 @@ def pose_colour_variance(engine: RadianceEngine, view: CandidateView) -> Float[T
     covariance's n principal axes, each with weight 1/2n. It equals ``g Σ gᵀ`` where the image is linear over
     the displacement and stays below 1/4, as it must, where it is not.
     """
+    return pose_colour_variances(engine, [view])[0]
+
+
+def pose_colour_variances(engine: RadianceEngine, views: Sequence[CandidateView]) -> list[Float[Tensor, "r"]]:
+    """The same for several views, all displaced poses rendered at once: small calls cost more to begin."""
+    poses = [_displaced(view) for view in views]
+    rays = [rays_of_poses(v.camera, T, v.columns) for v, T in zip(views, poses, strict=True) if len(T)]
+    colour = torch.zeros(0, 3)
+    if rays:
+        origins, directions = (torch.cat(own) for own in zip(*rays, strict=True))
+        colour = engine.render(origins, directions).colour.cpu()
+    found, first = [], 0
+    for view, T in zip(views, poses, strict=True):
+        count = view.columns * rows_for(view.camera, view.columns)
+        if not len(T):
+            found.append(torch.zeros(count))
+            continue
+        own = colour[first : first + len(T) * count]
+        found.append(own.view(len(T), count, 3).var(0, unbiased=False).mean(-1))
+        first += len(own)
+    return found
+
+
+def _displaced(view: CandidateView) -> Float[NDArray, "n 4 4"]:
+    """The cubature's poses; none where the pose is exact."""
     eigenvalue, axis = np.linalg.eigh((view.covariance + view.covariance.T) / 2)
     twists = (axis * np.sqrt(np.clip(eigenvalue, 0, None))).T
     twists = twists[np.linalg.norm(twists, axis=1) > _NEGLIGIBLE_SIGMA]
-    if not len(twists):
-        return torch.zeros(view.columns * rows_for(view.camera, view.columns))
     displacement = np.sqrt(len(twists)) * np.concatenate([twists, -twists])
-    origins, directions = rays_of_poses(
-        view.camera, view.T_world_camera @ se3.exp(displacement), view.columns
-    )
-    # all displaced views at once: small ones cost more to begin than to render
-    colour = engine.render(origins, directions).colour.cpu()
-    return colour.view(len(displacement), -1, 3).var(0, unbiased=False).mean(-1)
+    return view.T_world_camera @ se3.exp(displacement)
 
 
 def posterior_variance(samples: RaySamples, noise: Float[Tensor, "s"]) -> Float[Tensor, "s"]:

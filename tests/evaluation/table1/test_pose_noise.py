@@ -79,6 +79,19 @@ def test_bearings_of_known_spread_are_believed_as_far_as_each_deserves():
         assert values[part].mean() == pytest.approx(6, abs=1.0)
 
 
+@pytest.mark.parametrize("sigma_deg", [5.0, 60.0])
+def test_a_camera_at_its_likeliest_place_is_on_the_arc_and_admits_how_far_it_may_be(sigma_deg):
+    rng = np.random.default_rng(2)
+    T, observer = cameras(), np.tile([5.0, -1.0, 1.0], (N, 1))
+    sigma = np.full(N, math.radians(sigma_deg))
+    error, config = rng.normal(0, sigma), RadioNoiseConfig()
+    believed = poses_from_radio(T, observer, error, sigma, config, rng, likeliest=True)
+    range_m = np.linalg.norm(believed.T_world_camera[:, :3, 3] - observer, axis=1)
+    np.testing.assert_allclose(range_m, np.linalg.norm(T[:, :3, 3] - observer, axis=1), atol=0.3)
+    values = nees(believed.T_world_camera, T, believed.covariance)
+    assert values.mean() == pytest.approx(6, abs=4 * math.sqrt(2 * 6 / N))
+
+
 @pytest.mark.parametrize(("displacement_m", "turn_deg"), [(0.4, 7.0), (1.2, 21.0)])
 def test_joint_covariance_of_a_rigid_error_is_as_large_as_the_error(displacement_m, turn_deg):
     T = cameras(12)

@@ -46,11 +46,13 @@ def poses_from_radio(
     sigma_aoa_rad: Float[NDArray, "n"],
     config: RadioNoiseConfig,
     rng: np.random.Generator,
+    likeliest: bool = False,
 ) -> BelievedPoses:
     """Each camera where the observer's range and azimuth put it.
 
     An azimuth error turns the position about the vertical through the observer; over a wide angle that is an
-    arc, so mean and covariance are the exact moments of the arc, not its tangent's.
+    arc, so mean and covariance are the exact moments of the arc, not its tangent's. The mean of a very wide
+    arc lies near the observer, where nobody believes the camera to be; the likeliest place lies on the arc.
 
     Args:
         T_world_camera: True poses.
@@ -59,6 +61,8 @@ def poses_from_radio(
         sigma_aoa_rad: What is believed of those errors.
         config: The other errors.
         rng: Draws the other errors.
+        likeliest: Whether a camera is put at its likeliest place, with the mean square about that as
+            covariance, instead of at the mean.
     """
     n = len(T_world_camera)
     sigma_orientation_rad = math.radians(config.sigma_orientation_deg)
@@ -71,6 +75,9 @@ def poses_from_radio(
     vertical[:, 2] = azimuth_error_rad
     measured = (so3.exp(vertical) @ (offset + error)[..., None])[..., 0]
     mean, position = _moments_of_arc(measured, sigma_aoa_rad)
+    if likeliest:
+        off = mean - measured
+        mean, position = measured, position + off[:, :, None] * off[:, None, :]
     across = _across(measured)
     position += config.sigma_range_m**2 * (np.eye(3) - across[:, :, None] * across[:, None, :])
     covariance = np.zeros((n, 6, 6))

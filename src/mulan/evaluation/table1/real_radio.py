@@ -19,7 +19,8 @@ from mulan.mission.run_folder import RunFolder
 class RealRadioSource(TeamSource):
     """Alpha exact, beta from a range and the bearing of a recorded link an image.
 
-    Each image is given the error one link's bearing had, and believes it as far as that bearing said.
+    Each image is given the error one link's bearing had, and believes it as far as that bearing said: some
+    links leave two far directions open, so a camera stands where its likeliest one puts it.
 
     Attributes:
         images: The set at its true poses.
@@ -41,6 +42,6 @@ class RealRadioSource(TeamSource):
             drawn = draw(self.links, len(T), rng)
             error_rad = np.array([link.error_rad for link in drawn])
             sigma_rad = np.array([link.sigma_rad for link in drawn])
-            return poses_from_radio(T, observer_m, error_rad, sigma_rad, self.radio, rng)
+            return poses_from_radio(T, observer_m, error_rad, sigma_rad, self.radio, rng, likeliest=True)
 
         return SharedPhotographs(self.images, self.split).team(rng, believe)

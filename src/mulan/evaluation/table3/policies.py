@@ -15,6 +15,7 @@ from mulan.planning.scores.farthest_point import FarthestPoint
 from mulan.planning.scores.random_order import RandomOrder
 from mulan.planning.scores.rank_sum import default_score
 from mulan.planning.scores.score import RayScore, Score
+from mulan.planning.scores.surround_coverage import SurroundCoverage
 from mulan.planning.scores.variance_posterior import VariancePosterior
 from mulan.planning.ways import Way, worth_of_ways
 
@@ -108,7 +109,10 @@ POLICIES = (
         "learned variance, as printed",
         lambda _: OneMove(VariancePosterior(LiteralPosterior())),
     ),
-    Policy("ours", "ours", lambda _: OneMove(AngularNovelty())),
+    Policy("ours", "ours", lambda _: OneMove(SurroundCoverage())),
+    Policy(
+        "angular", "angular novelty of what is seen", lambda _: OneMove(AngularNovelty()), published=False
+    ),
     Policy("ours-ensemble", "ours with an ensemble", lambda _: OneMove(default_score()), published=False),
     Policy(
         "ours-straight-on",

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from mulan.evaluation.view_selection.policies import FARTHEST, OURS, RANDOM
+from mulan.evaluation.view_selection.summary import REFERENCES
 from mulan.mission.run_folder import write_atomically
 
 _COLOURS = {OURS: "#0b6e99", RANDOM: "#777777", FARTHEST: "#c9772b"}
@@ -38,11 +39,12 @@ def draw(metrics: dict[str, Any], titles: Mapping[str, str], path: Path, counted
     curve.set(xlabel=counted, ylabel="mean PSNR of the test views [dB]")
     curve.grid(alpha=0.25)
     curve.legend(fontsize=7, frameon=False)
-    rows = [name for name in policies if name != RANDOM]
+    reference = next((name for name in REFERENCES if name in policies), RANDOM)
+    rows = [name for name in policies if name != reference]
     last = counts[-2:] if len(counts) > 1 else counts
     for k, count in enumerate(last):
         for row, name in enumerate(rows):
-            gain = policies[name]["views"][count]["minus"].get(RANDOM)
+            gain = policies[name]["views"][count]["minus"].get(reference)
             if gain is None:
                 continue
             at = row + 0.3 * (k - (len(last) - 1) / 2)
@@ -52,7 +54,7 @@ def draw(metrics: dict[str, Any], titles: Mapping[str, str], path: Path, counted
     bars.axvline(0, color="#555", lw=0.8)
     bars.set_yticks(np.arange(len(rows)), [titles[name] for name in rows], fontsize=8)
     marks = ", ".join(f"{'circle' if k == 0 else 'square'} {count} {counted}" for k, count in enumerate(last))
-    bars.set(xlabel="PSNR above random [dB], paired, with 95 % interval", title=marks)
+    bars.set(xlabel=f"PSNR above {titles[reference]} [dB], paired, with 95 % interval", title=marks)
     bars.title.set_fontsize(9)
     bars.grid(alpha=0.25, axis="x")
     write_atomically(path, lambda temporary: figure.savefig(temporary, format="png"))

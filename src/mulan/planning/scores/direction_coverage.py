@@ -31,21 +31,28 @@ class DirectionCoverage(Score):
         """Radians taken off, summed over cells and candidates that see them."""
         if not candidates:
             return np.zeros(0)
-        cells = knowledge.grid.cells
-        trust = torch.stack([knowledge.look(view).trust_in_cells(cells) for view in candidates])
-        met = (trust > 0).any(0).nonzero()[:, 0]
-        trust, centre = trust[:, met], knowledge.grid.centre_m(met)
-        towards = torch.stack([_towards(view, centre) for view in candidates])
-        to_bridge = torch.where(trust > 0, self.never_seen_rad, 0.0)
-        for view, look in zip(knowledge.chosen, knowledge.chosen_looks, strict=True):
-            bridged = self._bridged(towards, _towards(view, centre), look.trust_in_cells(cells)[met])
+        cells, asked_for = knowledge.grid.cells, self._asked_for(knowledge, candidates)
+        seen = torch.stack([look.trust_in_cells(cells) > 0 for look in knowledge.look_at_all(asked_for)])
+        met = seen.any(0).nonzero()[:, 0]
+        centre = knowledge.grid.centre_m(met)
+        towards = torch.stack([_towards(view, centre) for view in asked_for])
+        to_bridge = torch.where(seen[:, met], self.never_seen_rad, 0.0)
+        for view, trust in zip(knowledge.chosen, knowledge.chosen_trust, strict=True):
+            bridged = self._bridged(towards, _towards(view, centre), trust[met])
             to_bridge = torch.minimum(to_bridge, bridged)
         return np.array(
             [
-                float((to_bridge - self._bridged(towards, own, of_own)).clamp_min(0).sum())
-                for own, of_own in zip(towards, trust, strict=True)
+                float((to_bridge - self._bridged(towards, _towards(view, centre), trust)).clamp_min(0).sum())
+                for view, trust in (
+                    (view, look.trust_in_cells(cells)[met])
+                    for view, look in zip(candidates, knowledge.look_at_all(candidates), strict=True)
+                )
             ]
         )
+
+    def _asked_for(self, knowledge: Knowledge, candidates: Sequence[View]) -> Sequence[View]:  # noqa: ARG002
+        """Views the field will be asked for."""
+        return candidates
 
     def _bridged(
         self, towards: Float[Tensor, "n met 3"], one: Float[Tensor, "met 3"], trust: Float[Tensor, "met"]

@@ -1,8 +1,8 @@
 """Where fields that learnt from the same views disagree."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -27,10 +27,10 @@ class EnsembleVariance(RayScore):
         """All members."""
         return self.members
 
+    def look_ahead(self, knowledge: Knowledge, candidates: Sequence[View]) -> None:
+        """All members at once."""
+        knowledge.disagreements(candidates, self.members)
+
     def information(self, knowledge: Knowledge, candidate: View) -> Float[Tensor, "r"]:
         """Sample variance of the colour, mean over the channels."""
-        seen = knowledge.look(candidate)
-        colours = [
-            field.render(seen.origins, seen.directions).colour for field in knowledge.fields[: self.members]
-        ]
-        return torch.stack(colours).var(0).mean(-1)
+        return knowledge.disagreement(candidate, self.members)

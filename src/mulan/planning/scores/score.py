@@ -32,8 +32,13 @@ class RayScore(Score):
     def information(self, knowledge: Knowledge, candidate: View) -> Float[Tensor, "r"]:
         """What each ray of a candidate would teach at an exact pose."""
 
+    def look_ahead(self, knowledge: Knowledge, candidates: Sequence[View]) -> None:
+        """Let the knowledge look at all candidates at once, before they are asked about one by one."""
+        knowledge.look_at_all(candidates)
+
     def __call__(self, knowledge: Knowledge, candidates: Sequence[View]) -> Float[NDArray, "n"]:
         """``Σ w_r · information_r``."""
+        self.look_ahead(knowledge, candidates)
         return np.array(
             [
                 float((self.information(knowledge, view) * knowledge.look(view).certainty).sum())

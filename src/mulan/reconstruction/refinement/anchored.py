@@ -6,7 +6,9 @@ import numpy as np
 from jaxtyping import Bool
 from numpy.typing import NDArray
 
+from mulan.radiance.space import SceneSpace
 from mulan.reconstruction.captured_image import CapturedImage
+from mulan.reconstruction.scene_space import choose_space
 
 
 def anchored_images(images: Sequence[CapturedImage]) -> Bool[NDArray, "n"]:
@@ -24,3 +26,9 @@ def position_sigma_m(image: CapturedImage) -> float:
     """Root mean square of the position's standard deviations [m]; 0 for an exact pose."""
     covariance = image.posed.pose_covariance
     return 0.0 if covariance is None else float(np.sqrt(max(np.trace(covariance[3:, 3:]) / 3, 0.0)))
+
+
+def anchored_space(images: Sequence[CapturedImage]) -> SceneSpace:
+    """Where the scene is, as those images see it."""
+    known = anchored_images(images)
+    return choose_space([image for image, anchored in zip(images, known, strict=True) if anchored])

@@ -15,6 +15,7 @@ from mulan.mission.posed_images import PosedImage, PosedImageSet
 from mulan.mission.run_folder import RunFolder
 from mulan.reconstruction.captured_image import load_captured
 from mulan.reconstruction.dataset import ImageTensors
+from mulan.reconstruction.refinement.anchored import anchored_space
 from mulan.reconstruction.refinement.compared_pixels import ComparedPixels
 from mulan.reconstruction.refinement.gauss_newton import PoseState
 from mulan.reconstruction.refinement.pose_prior import PosePrior
@@ -27,6 +28,7 @@ from mulan.reconstruction.refinement.posterior import (
 from mulan.reconstruction.refinement.refinement_config import RefinementConfig
 from mulan.reconstruction.refinement.registered_file import read_registered, write_registered
 from mulan.reconstruction.refinement.registration import register
+from mulan.reconstruction.refinement.standing_estimates import known_as_registered
 from mulan.reconstruction.robot_exposure import RobotExposure
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.trainer import TrainingResult, TrainingStatus, train
@@ -134,15 +136,16 @@ def refine_and_train(
         )
     exposure = RobotExposure(images.train, config.seed) if config.robot_exposure else None
     registered = run.root / "registered.safetensors"
+    captured = load_captured(images.train, min(refinement.image_size, config.image_size))
     found = read_registered(registered, state, images, refinement, config.seed, exposure)
     if found is None:
         began = time.perf_counter()
-        captured = load_captured(images.train, min(refinement.image_size, config.image_size))
         doubted = register(captured, state, refinement, config.seed, progress, exposure)
         seconds = time.perf_counter() - began
         write_registered(registered, state, doubted, images, refinement, config.seed, seconds, exposure)
     else:
         doubted, seconds = found
+    state = known_as_registered(captured, state, anchored_space(captured))
     believed, believed_state = without(images, state, doubted)
     exact = at_poses(believed, believed_state, None)
     tracker = PoseTracker(believed_state, refinement, config.seed) if len(believed_state.T) else None

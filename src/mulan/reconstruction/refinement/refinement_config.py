@@ -51,8 +51,9 @@ class RefinementConfig:
     move together get on in small steps."""
     least_step_share: float = 0.1
     """The share the last ones take; it shrinks to that during the training."""
-    final_from: float = 0.05
-    """Share of the final training before which poses rest: a field that is still a blur misleads them."""
+    final_from: float = 0.15
+    """Share of the final training before which poses rest: a field that is still a blur, or changes fast,
+    misleads them by more than registration left to mend."""
     final_until: float = 0.85
     """Share of the final training after which poses rest."""
     residual_area_px: float = 4.0

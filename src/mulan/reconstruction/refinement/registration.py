@@ -13,15 +13,15 @@ from mulan.radiance.engine import RadianceEngine
 from mulan.reconstruction.captured_image import CapturedImage
 from mulan.reconstruction.dataset import ImageTensors
 from mulan.reconstruction.field_choice import choose_field, choose_march, choose_optimiser
-from mulan.reconstruction.refinement.anchored import anchored_images
+from mulan.reconstruction.refinement.anchored import anchored_images, anchored_space
 from mulan.reconstruction.refinement.blurred_images import blurred
 from mulan.reconstruction.refinement.compared_pixels import ComparedPixels
 from mulan.reconstruction.refinement.gauss_newton import PoseState, gauss_newton_step
 from mulan.reconstruction.refinement.multi_start import restart, spread_starts
 from mulan.reconstruction.refinement.photometric import residual_sigma, residuals
 from mulan.reconstruction.refinement.refinement_config import CoarseStage, RefinementConfig
+from mulan.reconstruction.refinement.standing_estimates import let_estimates_stand
 from mulan.reconstruction.robot_exposure import RobotExposure
-from mulan.reconstruction.scene_space import choose_space
 from mulan.reconstruction.trainer import next_rays
 
 Progress = Callable[[float, float, str], None]
@@ -63,7 +63,7 @@ def register(
         Which of the uncertain images fit nowhere near where localization has them.
     """
     anchored = anchored_images(images)
-    space = choose_space([image for image, known in zip(images, anchored, strict=True) if known])
+    space = anchored_space(images)
     field = choose_field(config.image_size, len(images), space.unbounded)
     march = choose_march(config.image_size, space.unbounded, quick=True)
     optimiser = choose_optimiser(space.unbounded, quick=True)
@@ -116,6 +116,7 @@ def register(
         learn(data, stage, compared)
         lost = misfits(engine, compared, state, np.flatnonzero(anchored), config, torch_random)
     state.T_world_field = np.eye(4)  # the next field is learnt where the poses are
+    let_estimates_stand(images, state, space)
     return lost
 
 
