@@ -223,7 +223,7 @@ LEARNING = {
     "view_selection_noisy": Learning(f"{_POOL}: half with a pose error of 0.15 m", policies_table, _PAIRED),
     "view_selection_graded": Learning(f"{_POOL}: pose errors of 0.02 m to 0.08 m", policies_table, _PAIRED),
     "planning": Learning("Planning for a team", planning_table, "The furnished room, small fields included."),
-    "table1_loop": Learning("Wireless poses: the whole pipeline", table1, _QUICK),
+    "table1_loop": Learning("Wireless poses: the whole pipeline", table1, _STEPS),
     "table1_paper": Learning("Wireless poses: the paper's noise", table1, _STEPS),
     "table1_paper_15": Learning("Wireless poses: the paper's noise, 15 photographs each", table1, _STEPS),
     "table1_paper_spread": Learning("Wireless poses: bearings of 1° to 15°", table1, _STEPS),
