@@ -231,7 +231,7 @@ LEARNING = {
     "table1_real_radio": Learning("Wireless poses: bearings of recorded links", table1, _STEPS),
     "convergence": Learning("A whole robot displaced and turned", convergence, _STEPS),
     "table2": Learning("The hardware experiment, simulated: lego, both robots drift", table2, _QUICK),
-    "table2_second": Learning("The hardware experiment, simulated: lego, one drifts", table2, _QUICK),
+    "table2_second": Learning("The hardware experiment, simulated: lego, one drifts", table2, _STEPS),
     "table2_fox": Learning("The hardware experiment, simulated: fox, both robots drift", table2, _QUICK),
     "fleet_soak": Learning("The fleet over a bad link, with kills", soak, _SOAK),
     "fleet_soak_first": Learning("The fleet over a bad link, an earlier run", soak, _SOAK),
