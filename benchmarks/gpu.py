@@ -50,6 +50,8 @@ class Options:
     """Longest image side in pixels; smaller photographs stay as they are."""
     budgets_s: tuple[float, ...] = (5.0, 20.0, 60.0)
     """Seconds of training; each is a run of its own with a schedule of that length."""
+    batch_samples: int | None = None
+    """Field evaluations a step; the engine's own number if not given."""
     seed: int = 0
     """Source of all randomness."""
     peer_python: Path | None = None
@@ -102,6 +104,7 @@ def main(options: Options) -> int:
     def config(**limits: Any) -> TrainConfig:
         return TrainConfig(
             image_size=options.image_size,
+            batch_samples=options.batch_samples,
             seed=options.seed,
             device=Device.GPU,
             evaluate_every_s=1e9,
@@ -123,7 +126,8 @@ def main(options: Options) -> int:
     result: dict[str, Any] = {
         "data": options.data.name,
         "gpu": name,
-        "image_size": options.image_size,
+        "image_size": min(options.image_size, max(image.camera.width for image in images.test)),
+        "batch_samples": config().samples_a_batch(on_gpu=True),
         "psnr_db_at_s": psnr_db,
         "samples_per_s": samples_per_s,
         "samples_are": "field evaluations marched",

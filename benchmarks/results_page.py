@@ -196,6 +196,17 @@ def convergence(metrics: dict[str, Any]) -> list[str]:
     return rows
 
 
+def gpu_table(metrics: dict[str, Any]) -> list[str]:
+    """A row a training time."""
+    rows = ["| training time [s] | PSNR [dB] | samples a second [M] |", "|---" * 3 + "|"]
+    for seconds in sorted(metrics["psnr_db_at_s"], key=float):
+        psnr_db, rate = metrics["psnr_db_at_s"][seconds], metrics["samples_per_s"][seconds]
+        rows.append(f"| {seconds} | {psnr_db:.2f} | {rate / 1e6:.0f} |")
+    size, samples = metrics["image_size"], metrics["batch_samples"]
+    told = f"{metrics['gpu']}, {metrics['data']}, {size} pixels, {samples} samples a step,"
+    return [*rows, "", f"{told} {metrics['memory_gib']:.2f} GiB of its memory at most."]
+
+
 def number(value: float | None, form: str) -> str:
     return "not available" if value is None else format(value, form)
 
@@ -214,6 +225,7 @@ _PAIRED = (
 _POOL = "Choosing photographs of lego, 100 pixels"
 _STEPS = """A look: 100 pixels, one seed, 2000 steps a setup whatever their time; the seconds are those of one
 thread (`OMP_NUM_THREADS=1`) of a machine that did much other work."""
+_ON_A_GPU = "A look: 100 pixels, one seed, 1000 steps a setup, while other tests ran on the same GPU."
 LEARNING = {
     "table3": Learning(
         "Active views in a closed loop, two robots in the furnished room", policies_table, _PAIRED
@@ -233,6 +245,8 @@ LEARNING = {
     "table2": Learning("The hardware experiment, simulated: lego, both robots drift", table2, _QUICK),
     "table2_second": Learning("The hardware experiment, simulated: lego, one drifts", table2, _STEPS),
     "table2_fox": Learning("The hardware experiment, simulated: fox, both robots drift", table2, _QUICK),
+    "gpu": Learning("Learning on a GPU", gpu_table, "Each time is a training of its own, from new."),
+    "gpu_refinement": Learning("Wireless poses on a GPU: the paper's noise", table1, _ON_A_GPU),
     "fleet_soak": Learning("The fleet over a bad link, with kills", soak, _SOAK),
     "fleet_soak_first": Learning("The fleet over a bad link, an earlier run", soak, _SOAK),
     "fleet_one_percent": Learning("The fleet over a link that loses 99 of 100 messages", soak, _SOAK),

@@ -34,6 +34,18 @@ class RayBatch:
     opacity: Float[Tensor, "r"] | None = None
     rays_a_pixel: int = 1
 
+    def to(self, device: torch.device) -> "RayBatch":
+        """The same rays on another device."""
+        return RayBatch(
+            origins=self.origins.to(device),
+            directions=self.directions.to(device),
+            colours=self.colours.to(device),
+            weights=self.weights.to(device),
+            image_index=self.image_index.to(device),
+            opacity=None if self.opacity is None else self.opacity.to(device),
+            rays_a_pixel=self.rays_a_pixel,
+        )
+
 
 @dataclass(frozen=True)
 class Rendering:

@@ -27,7 +27,7 @@ class TrainConfig:
     """Optimiser steps; overrides the time budget and makes the result repeatable bit for bit."""
     batch_samples: int | None = None
     """Field evaluations a step of each process at the end of the training; the number of rays adapts to it.
-    If not given 16384, on a GPU 262144."""
+    If not given 16384, on a GPU 1048576."""
     first_batch_samples: int | None = None
     """Field evaluations of the first step, from which they grow by equal factors in equal shares of the
     training; chosen by the kind of scene and the length of the training if not given."""
@@ -59,7 +59,8 @@ class TrainConfig:
 
     def samples_a_batch(self, on_gpu: bool) -> int:
         """Field evaluations to aim at in the last step."""
-        return self.batch_samples or (2**18 if on_gpu else 2**14)
+        # of an H200's step most is Python starting kernels, whatever their size
+        return self.batch_samples or (2**20 if on_gpu else 2**14)
 
     @property
     def quick(self) -> bool:

@@ -5,7 +5,7 @@ import torch
 
 from mulan.radiance.config import FieldConfig, MarchConfig
 from mulan.radiance.engine import RayBatch
-from mulan.radiance.gpu.launch import BlockSizes, MatrixPrecision, TritonConfig
+from mulan.radiance.gpu.launch import MatrixPrecision, TritonConfig
 from mulan.radiance.gpu.triton_engine import TritonEngine
 from mulan.radiance.kernels.native_grid import NativeGridConfig
 from mulan.radiance.kernels.native_library import find_native_library
@@ -14,6 +14,7 @@ from mulan.radiance.native_engine import NativeConfig, NativeEngine
 from mulan.radiance.optimiser_config import OptimiserConfig
 from mulan.radiance.space import SceneSpace
 from mulan.radiance.torch_engine import TorchEngine
+from tests.gpu.kernels.blocks import blocks
 from tests.gpu.kernels.place import DEVICE, relative_error
 from tests.native.spheres import batch_around, rays_around
 
@@ -24,7 +25,7 @@ CONFIG = TritonConfig(
     precision=MatrixPrecision.FP32,
     room=4096,
     occupancy=GRID,
-    blocks=BlockSizes(samples=8192, matrix_samples=4096, rays=128, steps=64, matrix_programs=1),
+    blocks=blocks(samples=8192, matrix_samples=4096, rays=128, steps=64, matrix_programs=1),
 )
 PLAIN = OptimiserConfig(occupancy_every=2)
 HUBER = OptimiserConfig(
