@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from scipy.linalg import block_diag
 
 from mulan.geometry import se3
+from mulan.geometry.alignment import umeyama
 from mulan.radiance.config import FieldConfig, MarchConfig
 from mulan.radiance.kernels.native_library import find_native_library
 from mulan.radiance.native_engine import NativeEngine
@@ -142,11 +144,14 @@ def test_a_free_frame_follows_the_one_image_that_is_known(field_and_data):
     engine, data = field_and_data
     true = np.stack([image.T_world_camera for image in data.images[:8]])
     G = se3.exp(np.array([0.02, 0.0, 0.05, 0.06, -0.04, 0.03]))
-    believed, covariance = true.copy(), np.broadcast_to(0.3**2 * np.eye(6), (8, 6, 6)).copy()
-    believed[0], covariance[0] = G @ true[0], 1e-8 * np.eye(6)
+    believed, robot = true.copy(), np.array([0] + [1] * 7)
+    believed[0] = G @ true[0]
+    # the others' path is known but for where it lies as a whole
+    A = se3.adjoint(se3.inverse(true[1:])).reshape(-1, 6)
+    covariance = block_diag(1e-8 * np.eye(6), 0.3**2 * A @ A.T + 0.01**2 * np.eye(42))
     off = {}
     for frame_is_free in (False, True):
-        state = PoseState.at_prior(np.arange(8), PosePrior(believed, np.zeros(8, dtype=int), covariance))
+        state = PoseState.at_prior(np.arange(8), PosePrior(believed, robot, covariance))
         random = torch.Generator().manual_seed(8)
         compared = ComparedPixels(data)
         for _ in range(8):
@@ -154,6 +159,29 @@ def test_a_free_frame_follows_the_one_image_that_is_known(field_and_data):
         off[frame_is_free] = np.median(shift_px(data, state.T, G @ true))
         assert np.abs(state.T[0] - believed[0]).max() < 1e-2
     assert off[True] < 0.3 * off[False]
+
+
+def test_a_free_frame_grows_to_the_size_that_is_known(field_and_data):
+    """All photographs fit a field learnt 1 % too small; only what is known of the paths tells its size."""
+    engine, data = field_and_data
+    true = np.stack([image.T_world_camera for image in data.images])
+    grown = true.copy()
+    grown[:, :3, 3] *= 1.01
+    n = len(true)
+    # displaced each by itself, known well on average
+    covariance = np.broadcast_to(np.diag([1e-4] * 3 + [0.01**2] * 3), (n, 6, 6)).copy()
+    size, compared = {}, ComparedPixels(data)
+    for frame_is_free in (False, True):
+        state = PoseState.at_prior(np.arange(n), PosePrior(grown, np.zeros(n, dtype=int), covariance))
+        state.T = true.copy()
+        random = torch.Generator().manual_seed(0)
+        for _ in range(12):
+            gauss_newton_step(engine, compared, state, 300, 9.0, random, frame_is_free=frame_is_free)
+        size[frame_is_free] = umeyama(true[:, :3, 3], state.T[:, :3, 3], with_scale=True)[1]
+    assert abs(size[True] - 1.01) < 0.001
+    assert abs(size[False] - 1.01) > 0.005
+    assert state.frame.metres_per_unit == pytest.approx(1.01, abs=0.003)
+    np.testing.assert_allclose(state.frame.to_world(state.frame.to_field(state.T)), state.T, atol=1e-12)
 
 
 def test_starts_come_nearer_where_the_prior_is_wide(field_and_data):

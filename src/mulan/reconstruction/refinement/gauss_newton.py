@@ -12,6 +12,7 @@ from mulan.geometry import se3
 from mulan.radiance.engine import RadianceEngine
 from mulan.reconstruction.posed_pixels import PosedPixels
 from mulan.reconstruction.refinement.compared_pixels import ComparedPixels
+from mulan.reconstruction.refinement.field_frame import FieldFrame
 from mulan.reconstruction.refinement.photometric import (
     PhotometricTerms,
     photometric_cost,
@@ -33,8 +34,8 @@ class PoseState:
         T: Poses now.
         damping: Levenberg-Marquardt's, of each image.
         sigma: Robust residual of each image at the last step; infinite before the first.
-        T_world_field: Where the field that registration looks at lies in the world. It begins at home and
-            moves if no image is exact: the poses and the field move together at no cost but the prior's.
+        frame: Where the field that registration looks at lies in the world. It begins at home, and moves and
+            grows if no image is exact: the poses and the field do so together at no cost but the prior's.
     """
 
     image: Int[NDArray, "n"]
@@ -42,7 +43,7 @@ class PoseState:
     T: Float[NDArray, "n 4 4"]
     damping: Float[NDArray, "n"]
     sigma: Float[NDArray, "n"]
-    T_world_field: Float[NDArray, "4 4"] = dataclass_field(default_factory=lambda: np.eye(4))
+    frame: FieldFrame = dataclass_field(default_factory=FieldFrame)
 
     @staticmethod
     def at_prior(image: Int[NDArray, "n"], prior: PosePrior) -> "PoseState":
@@ -55,16 +56,14 @@ class PoseState:
     def subset(self, kept: Bool[NDArray, "n"], image: Int[NDArray, "k"]) -> "PoseState":
         """Some of the images, by their numbers in a set without the others."""
         prior, T = self.prior.subset(kept), self.T[kept]
-        return PoseState(image, prior, T, self.damping[kept], self.sigma[kept], self.T_world_field)
-
-    def in_field(self, T_world_camera: Float[NDArray, "*b 4 4"]) -> Float[NDArray, "*b 4 4"]:
-        """Poses as the field's frame has them."""
-        return se3.inverse(self.T_world_field) @ T_world_camera
+        return PoseState(image, prior, T, self.damping[kept], self.sigma[kept], self.frame)
 
     def place(self, data: PosedPixels) -> None:
         """Make a set of photographs learn from these poses."""
         poses = data.T_world_camera.clone()
-        poses[torch.from_numpy(self.image)] = torch.from_numpy(self.in_field(self.T)).float().to(poses.device)
+        poses[torch.from_numpy(self.image)] = (
+            torch.from_numpy(self.frame.to_field(self.T)).float().to(poses.device)
+        )
         data.T_world_camera = poses
 
 
@@ -83,8 +82,9 @@ def gauss_newton_step(
     Where errors are joint that of a robot's images together counts: one that stayed would hold back all
     the others, which are tied to it.
 
-    If no image is exact, one that localization knows well cannot pull the field to itself: all the others
-    hold it. A free frame lets field and poses move together, as the prior of such an image asks.
+    If no image is exact, one that localization knows well cannot pull the field to itself, nor what it knows
+    of a robot's whole path the field's size: all the others hold it. A free frame lets field and poses move
+    and grow together, as the prior asks.
 
     Args:
         field: What the cameras look at.
@@ -94,32 +94,30 @@ def gauss_newton_step(
         pixels_a_residual: Neighbouring pixels whose residuals agree, as an area.
         generator: Source of randomness.
         step_share: Share of the step taken; below 1 later steps average the noise of their draws.
-        frame_is_free: Whether the field's place in the world is one more unknown.
+        frame_is_free: Whether the field's place and size in the world are unknown too.
 
     Returns:
         Which moves were kept.
     """
     data, draw = compared.data, compared.draw(state.image, rays, pixels_a_residual, generator)
-    terms = photometric_terms(field, data, draw, state.in_field(state.T))
+    frame = state.frame
+    terms = photometric_terms(field, data, draw, frame.to_field(state.T)).by_metres(frame.metres_per_unit)
     precision, residual = state.prior.precision, state.prior.residual(state.T)
     pull = _times(precision, residual)
     if frame_is_free:
         step, shift = _solve_with_frame(terms, state, precision, pull)
-        T_world_field = se3.exp(-step_share * shift) @ state.T_world_field
+        frame = frame.moved(-step_share * shift)
     else:
         step = _solve(terms.information, state.damping, precision, terms.gradient + pull)
-        T_world_field = state.T_world_field
     T = state.T @ se3.exp(-step_share * step)
     moved = state.prior.residual(T)
     before = terms.cost + 0.5 * (residual * pull).sum(1)
-    seen = se3.inverse(T_world_field) @ T
-    after = photometric_cost(field, data, draw, seen, terms.sigma) + 0.5 * (
-        moved * _times(precision, moved)
-    ).sum(1)
+    after = photometric_cost(field, data, draw, frame.to_field(T), terms.sigma)
+    after += 0.5 * (moved * _times(precision, moved)).sum(1)
     kept = _by_robot(state.prior, before - after) >= 0
     # those that stay where they were before the field go where it goes
-    along = T_world_field @ state.in_field(state.T)
-    state.T, state.T_world_field = np.where(kept[:, None, None], T, along), T_world_field
+    along = frame.to_world(state.frame.to_field(state.T))
+    state.T, state.frame = np.where(kept[:, None, None], T, along), frame
     state.damping = np.clip(np.where(kept, state.damping / 4, state.damping * 8), *_DAMPING_RANGE)
     state.sigma = terms.sigma
     return kept
@@ -156,28 +154,26 @@ def _solve_with_frame(
     state: PoseState,
     precision: Float[NDArray, "m m"] | Float[NDArray, "n 6 6"],
     pull: Float[NDArray, "n 6"],
-) -> tuple[Float[NDArray, "n 6"], Float[NDArray, "6"]]:
-    """Steps of the poses and of the field's frame (a twist of the world).
-
-    A pose that goes along with the field changes nothing in its picture.
-    """
+) -> tuple[Float[NDArray, "n 6"], Float[NDArray, "7"]]:
+    """Steps of the poses and of the field's frame."""
     n = len(state.T)
-    along = se3.adjoint(se3.inverse(state.T))
+    along = state.frame.carries(state.T)
+    shifts = along.shape[-1]
     damped = terms.information + np.einsum("naa->na", terms.information)[..., None] * (
         state.damping[:, None, None] * np.eye(6)
     )
     known = precision if precision.ndim == 2 else _block_diagonal(precision)
-    system = np.zeros((6 * n + 6, 6 * n + 6))
-    system[:-6, :-6] = known + _block_diagonal(damped)
-    coupling = -(terms.information @ along).reshape(6 * n, 6)
-    system[:-6, -6:], system[-6:, :-6] = coupling, coupling.T
+    system = np.zeros((6 * n + shifts, 6 * n + shifts))
+    system[:-shifts, :-shifts] = known + _block_diagonal(damped)
+    coupling = -(terms.information @ along).reshape(6 * n, shifts)
+    system[:-shifts, -shifts:], system[-shifts:, :-shifts] = coupling, coupling.T
     by_frame = np.einsum("nab,nac,ncd->bd", along, terms.information, along)
-    system[-6:, -6:] = by_frame + 1e-6 * np.diag(np.diag(by_frame))
+    system[-shifts:, -shifts:] = by_frame + 1e-6 * np.diag(np.diag(by_frame))
     right = np.concatenate(
         [(terms.gradient + pull).reshape(-1), -np.einsum("nab,na->b", along, terms.gradient)]
     )
     solution = np.linalg.solve(system, right)
-    return solution[:-6].reshape(n, 6), solution[-6:]
+    return solution[:-shifts].reshape(n, 6), solution[-shifts:]
 
 
 def _block_diagonal(blocks: Float[NDArray, "n 6 6"]) -> Float[NDArray, "m m"]:

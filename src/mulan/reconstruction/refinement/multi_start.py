@@ -86,7 +86,9 @@ def _start_images(
     T = centre @ se3.exp((root @ noise[..., None])[..., 0])
     T[0] = state.T[chosen]
     image = state.image[chosen]
-    scores = np.stack([correlation(field, data, image, state.in_field(each), config.side) for each in T])
+    scores = np.stack(
+        [correlation(field, data, image, state.frame.to_field(each), config.side) for each in T]
+    )
     state.T[chosen] = T[scores.argmax(0), np.arange(len(chosen))]
 
 

@@ -1,6 +1,6 @@
 """How the colours of a field disagree with photographs, and what that says about the cameras' poses."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -30,6 +30,11 @@ class PhotometricTerms:
     gradient: Float[NDArray, "n 6"]
     cost: Float[NDArray, "n"]
     sigma: Float[NDArray, "n"]
+
+    def by_metres(self, metres_per_unit: float) -> "PhotometricTerms":
+        """The same by translations in the world, the poses being those in a field of another unit."""
+        per = np.repeat([1.0, 1 / metres_per_unit], 3)
+        return replace(self, information=self.information * per[:, None] * per, gradient=self.gradient * per)
 
 
 def photometric_terms(
@@ -100,6 +105,7 @@ def _cost(scaled: Float[NDArray, "n r"], draw: PixelDraw) -> Float[NDArray, "n"]
 
 
 def _rays(data: PosedPixels, draw: PixelDraw, T: Float[NDArray, "n 4 4"]) -> RayBatch:
+    """In main memory, wherever the photographs are kept: a few thousand, and poses are solved for there."""
     poses = data.T_world_camera.clone()
-    poses[torch.from_numpy(draw.image)] = torch.from_numpy(T).float()
-    return data.rays_at(draw.pixel.reshape(-1), poses)
+    poses[torch.from_numpy(draw.image)] = torch.from_numpy(T).float().to(poses.device)
+    return data.rays_at(draw.pixel.reshape(-1).to(poses.device), poses).to(torch.device("cpu"))

@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import NDArray
 
-from mulan.errors import InputError
 from mulan.mission.nerfstudio import write_transforms
 from mulan.mission.photograph_information import PhotographInformation, write_photograph_information
 from mulan.mission.posed_images import PosedImage, PosedImageSet
@@ -130,10 +129,6 @@ def refine_and_train(
 
     if state is None:
         return RefinedTraining(train(images, weighting, config, run, follow), images, 0.0)
-    if config.device.resolve().type == "cuda":
-        raise InputError(
-            "--refine-poses", "device", "is a GPU, where it is not built yet", "give --device cpu"
-        )
     exposure = RobotExposure(images.train, config.seed) if config.robot_exposure else None
     registered = run.root / "registered.safetensors"
     captured = load_captured(images.train, min(refinement.image_size, config.image_size))

@@ -16,6 +16,7 @@ from mulan.reconstruction.field_choice import choose_field, choose_march, choose
 from mulan.reconstruction.refinement.anchored import anchored_images, anchored_space
 from mulan.reconstruction.refinement.blurred_images import blurred
 from mulan.reconstruction.refinement.compared_pixels import ComparedPixels
+from mulan.reconstruction.refinement.field_frame import FieldFrame
 from mulan.reconstruction.refinement.gauss_newton import PoseState, gauss_newton_step
 from mulan.reconstruction.refinement.multi_start import restart, spread_starts
 from mulan.reconstruction.refinement.photometric import residual_sigma, residuals
@@ -115,7 +116,7 @@ def register(
         compared = ComparedPixels(data)
         learn(data, stage, compared)
         lost = misfits(engine, compared, state, np.flatnonzero(anchored), config, torch_random)
-    state.T_world_field = np.eye(4)  # the next field is learnt where the poses are
+    state.frame = FieldFrame()  # the next field is learnt where the poses are
     let_estimates_stand(images, state, space)
     return lost
 
