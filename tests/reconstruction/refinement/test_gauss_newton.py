@@ -148,7 +148,7 @@ def test_a_free_frame_follows_the_one_image_that_is_known(field_and_data):
     believed[0] = G @ true[0]
     # the others' path is known but for where it lies as a whole
     A = se3.adjoint(se3.inverse(true[1:])).reshape(-1, 6)
-    covariance = block_diag(1e-8 * np.eye(6), 0.3**2 * A @ A.T + 0.01**2 * np.eye(42))
+    covariance = np.asarray(block_diag(1e-8 * np.eye(6), 0.3**2 * A @ A.T + 0.01**2 * np.eye(42)))
     off = {}
     for frame_is_free in (False, True):
         state = PoseState.at_prior(np.arange(8), PosePrior(believed, robot, covariance))
