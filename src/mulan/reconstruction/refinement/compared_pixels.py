@@ -43,6 +43,10 @@ class ComparedPixels:
         self._chance = [_chances(image.colour_fraction) for image in data.images]
         self._cumulative = [np.cumsum(chance) for chance in self._chance]
 
+    def area_px(self, residuals: float) -> float:
+        """Area of neighbouring pixels that agree, if a picture has so many independent residuals."""
+        return float(np.mean([len(chance) for chance in self._chance])) / residuals
+
     def draw(
         self, image: Int[NDArray, "n"], rays: int, pixels_a_residual: float, generator: torch.Generator
     ) -> PixelDraw:

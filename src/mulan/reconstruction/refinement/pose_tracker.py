@@ -44,7 +44,7 @@ class PoseTracker:
             self._compared,
             self._state,
             config.final_rays,
-            config.residual_area_px,
+            self._compared.area_px(config.final_residuals),
             self._random,
             share,
         )

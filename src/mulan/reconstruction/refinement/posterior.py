@@ -15,6 +15,7 @@ from mulan.reconstruction.refinement.refinement_config import RefinementConfig
 from mulan.reconstruction.refinement.shared_points import joint_information, shared_points
 
 _SCALE_RAYS = 512  # pixels of each image that tell the size of its residuals
+_SIZE_PX = 100  # of the images the options speak of
 
 
 def photographs_information(
@@ -38,9 +39,9 @@ def photographs_information(
     """
     data, generator = compared.data, torch.Generator().manual_seed(seed)
     T = data.T_world_camera.double().cpu().numpy()
-    area_px = (
-        sum(image.colour[..., 0].size for image in data.images) / len(data) / config.independent_residuals
-    )
+    longest_px = max(max(image.colour.shape[:2]) for image in data.images)
+    # errors stay the same share of a pixel, so a larger picture tells poses better, but not by its every pixel
+    area_px = compared.area_px(config.independent_residuals * _SIZE_PX / longest_px)
     draw = compared.draw(np.arange(len(data)), _SCALE_RAYS, area_px, generator)
     sigma = residual_sigma(residuals(field, data, draw, T), draw.weight)
     points = shared_points(field, compared, config.posterior_points, area_px, generator)

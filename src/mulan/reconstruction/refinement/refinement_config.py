@@ -57,9 +57,14 @@ class RefinementConfig:
     final_until: float = 0.85
     """Share of the final training after which poses rest."""
     residual_area_px: float = 4.0
-    """Pixels whose residuals agree with each other, as an area."""
+    """In registration, pixels whose residuals agree with each other, as an area."""
+    final_residuals: float = 64.0
+    """Residuals of an image that count as independent where poses follow the final field. With more, what
+    localization knows of neighbouring images counts for nothing; with fewer, poses follow too slowly. Chosen
+    on seed 100."""
     independent_residuals: float = 6.0
-    """Residuals of an image that count as independent for its posterior covariance: where the field is wrong,
-    it is so over whole parts of a picture. Chosen for honest covariances on seeds from 100 on."""
+    """Residuals of an image of 100 pixels a side that count as independent for its posterior covariance:
+    where the field is wrong, it is so over whole parts of a picture. As many fewer as the image is larger.
+    Chosen for honest covariances on seeds from 100 on."""
     posterior_points: int = 16
     """Points of each image that are looked up in all others to tell how well poses are known in the end."""
