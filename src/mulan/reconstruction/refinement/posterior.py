@@ -40,7 +40,7 @@ def photographs_information(
     data, generator = compared.data, torch.Generator().manual_seed(seed)
     T = data.T_world_camera.double().cpu().numpy()
     longest_px = max(max(image.colour.shape[:2]) for image in data.images)
-    # errors stay the same share of a pixel, so a larger picture tells poses better, but not by its every pixel
+    # errors stay the same share of a pixel: a larger picture tells poses better, but not by its every pixel
     area_px = compared.area_px(config.independent_residuals * _SIZE_PX / longest_px)
     draw = compared.draw(np.arange(len(data)), _SCALE_RAYS, area_px, generator)
     sigma = residual_sigma(residuals(field, data, draw, T), draw.weight)
