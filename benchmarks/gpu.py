@@ -123,10 +123,11 @@ def main(options: Options) -> int:
             f"{budget_s:g} s: {metrics['psnr_db']:.2f} dB, {metrics['samples_per_s']:.3g} samples/s",
             flush=True,
         )
+    longest_px = max(max(image.camera.width, image.camera.height) for image in images.train)
     result: dict[str, Any] = {
         "data": options.data.name,
         "gpu": name,
-        "image_size": min(options.image_size, max(image.camera.width for image in images.test)),
+        "image_size": min(options.image_size, longest_px),
         "batch_samples": config().samples_a_batch(on_gpu=True),
         "psnr_db_at_s": psnr_db,
         "samples_per_s": samples_per_s,
