@@ -53,6 +53,11 @@ class PoseState:
             image, prior, prior.T_world_camera.copy(), np.full(n, _FIRST_DAMPING), np.full(n, np.inf)
         )
 
+    @property
+    def best_known(self) -> int:
+        """Which of them localization knows best."""
+        return int(np.argmin(np.einsum("naa->n", self.prior.blocks)))
+
     def subset(self, kept: Bool[NDArray, "n"], image: Int[NDArray, "k"]) -> "PoseState":
         """Some of the images, by their numbers in a set without the others."""
         prior, T = self.prior.subset(kept), self.T[kept]

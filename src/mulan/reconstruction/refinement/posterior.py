@@ -45,7 +45,30 @@ def photographs_information(
     draw = compared.draw(np.arange(len(data)), _SCALE_RAYS, area_px, generator)
     sigma = residual_sigma(residuals(field, data, draw, T), draw.weight)
     points = shared_points(field, compared, config.posterior_points, area_px, generator)
-    return joint_information(points, sigma, state.image)
+    information = joint_information(points, sigma, state.image)
+    if len(state.image) == len(data):
+        information = less_sure_of(information, state.best_known, config.held_error)
+    return information
+
+
+def less_sure_of(information: Float[NDArray, "m m"], image: int, variances: float) -> Float[NDArray, "m m"]:
+    """What the photographs say if one of them lies off its place in the map, besides.
+
+    Where no image is exact the map hangs on the one localization knows best. That one is held while all
+    others move to where they fit, and the field learns it where it is held: its residuals tell less of where
+    it lies than those of the others do.
+
+    Args:
+        information: On the poses of all images together.
+        image: The one that is held.
+        variances: Of its own error, as a multiple of the covariance its residuals alone leave it.
+    """
+    own = slice(6 * image, 6 * image + 6)
+    across = information[:, own]
+    # an image that shows nothing has none to lose
+    spread = np.linalg.pinv(information[own, own] * (1 + 1 / variances), hermitian=True)
+    lessened = information - across @ spread @ across.T
+    return (lessened + lessened.T) / 2
 
 
 def posterior_covariance(prior: PosePrior, information: Float[NDArray, "m m"]) -> Float[NDArray, "m m"]:

@@ -66,5 +66,8 @@ class RefinementConfig:
     """Residuals of an image of 100 pixels a side that count as independent for its posterior covariance:
     where the field is wrong, it is so over whole parts of a picture. As many fewer as the image is larger.
     Chosen for honest covariances on seeds from 100 on."""
+    held_error: float = 3.0
+    """Where no image is exact, variance by which the one known best may lie off its place in the map, as a
+    multiple of what its own residuals leave it. Chosen for honest covariances on seeds 100 to 102."""
     posterior_points: int = 16
     """Points of each image that are looked up in all others to tell how well poses are known in the end."""
