@@ -116,12 +116,13 @@ def test_an_ensemble_looks_where_its_members_disagree():
     assert same == pytest.approx(0, abs=1e-6)
 
 
-def test_an_ensemble_renders_its_members_mean_and_their_sample_variance():
+def test_an_ensemble_renders_the_mean_and_variance_of_its_members_mixture():
     o, d = torch.tensor([[2.0, 0.0, 0.0]]), torch.tensor([[-1.0, 0.0, 0.0]])
     together = FieldEnsemble(MEMBERS).render(o, d)
-    alone = torch.stack([member.render(o, d).colour for member in MEMBERS])
-    assert_close(together.colour, alone.mean(0))
-    assert_close(together.variance, alone.var(0).mean(-1))
+    alone = [member.render(o, d) for member in MEMBERS]
+    colour, variance = (torch.stack([getattr(one, name) for one in alone]) for name in ("colour", "variance"))
+    assert_close(together.colour, colour.mean(0))
+    assert_close(together.variance, colour.var(0).mean(-1) + variance.mean(0))
     with pytest.raises(ValueError, match="two members"):
         FieldEnsemble([BallEngine()])
 

@@ -1,4 +1,4 @@
-"""Several fields of one scene as one: their mean, and their disagreement as the variance."""
+"""Several fields of one scene as one: their mean, and as the variance that of their mixture."""
 
 from collections.abc import Sequence
 
@@ -12,8 +12,9 @@ from mulan.radiance.engine import RadianceEngine, Rendering
 class FieldEnsemble:
     """Fields learnt from the same views, each from its own start (Lakshminarayanan et al. 2017).
 
-    Renders like one field. What the views leave open, members fill in each in its own way, so the variance
-    between them ranks the true error, as the variance a field learns from its own residuals does not.
+    Renders like one field. What the views leave open, members fill in each in its own way, so they disagree
+    where none can know. Where all err alike, as beside fine structure, the variance each learnt from its own
+    residuals says so. The variance of the mixture, the sum of both, ranks the true error better than either.
 
     Attributes:
         members: The fields, at least two.
@@ -30,12 +31,15 @@ class FieldEnsemble:
         self.members = tuple(members)
 
     def render(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> Rendering:
-        """Means over the members; the variance is the sample variance of the colour, mean over channels."""
+        """Means over the members.
+
+        The variance is the sample variance of the colour, mean over channels, and the mean of the members' own.
+        """
         seen = [member.render(origins, directions) for member in self.members]
         colour = torch.stack([one.colour for one in seen])
         return Rendering(
             colour.mean(0),
             torch.stack([one.depth_m for one in seen]).mean(0),
             torch.stack([one.opacity for one in seen]).mean(0),
-            colour.var(0).mean(-1),
+            colour.var(0).mean(-1) + torch.stack([one.variance for one in seen]).mean(0),
         )
