@@ -33,7 +33,7 @@ class FieldEnsemble:
     def render(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> Rendering:
         """Means over the members.
 
-        The variance is the sample variance of the colour, mean over channels, and the mean of the members' own.
+        The variance is the colour's sample variance, mean over channels, and the mean of the members' own.
         """
         seen = [member.render(origins, directions) for member in self.members]
         colour = torch.stack([one.colour for one in seen])
