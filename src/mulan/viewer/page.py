@@ -18,6 +18,7 @@ from mulan.viewer.engine_access import EngineAccess, TrainingEngine
 from mulan.viewer.frame import Quantity
 from mulan.viewer.goal_controls import GoalControls
 from mulan.viewer.goals import GoalSink
+from mulan.viewer.lighting import light_cheaply
 from mulan.viewer.mission_layers import LayerChoice, MissionLayers
 from mulan.viewer.panel import LayerControls, PictureControls, TrainingControls, add_figures, add_radio
 from mulan.viewer.photograph_layers import PhotographLayers
@@ -58,6 +59,7 @@ class ViewerPage:
         self._config, self._engine, self._run = config, engine, run
         images, contents = _read_images(run), contents or read_run(run)
         self._server = _new_server(self._config)
+        light_cheaply(self._server.scene)
         self.pictures: dict[int, ClientPictures] = {}
         self._quantity: Quantity = "colour"
         self._lock, self._candidates_wanted = threading.Lock(), True
