@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from mulan.viewer.frame import Frame, Quantity, pinhole, render_frame
 from mulan.viewer.viewer_config import PictureConfig
 
 _REST_S = 0.15  # a camera that has not moved for so long stands still
+_FIRST_REST_S = 1.0  # a browser that has just opened needs the processor to show the first picture
 _PATIENCE_S = 0.5  # between looks at whether the client is still there
 _MOVING_DEPTH_STRIDE = 2  # viser sends depth as PNG: at full size it costs a tenth of a moving picture
 
@@ -60,12 +62,25 @@ class ClientPictures:
     """
 
     def __init__(
-        self, client: ClientHandle, engine: EngineAccess, config: PictureConfig, still_learns: bool
+        self,
+        client: ClientHandle,
+        engine: EngineAccess,
+        config: PictureConfig,
+        still_learns: bool,
+        after_first: Callable[[], None],
     ) -> None:
-        """Begin at once, in a thread of its own."""
+        """Begin at once, in a thread of its own.
+
+        Args:
+            client: The browser.
+            engine: The field.
+            config: Sizes.
+            still_learns: Whether a standing picture has to be drawn again now and then.
+            after_first: Called once the first fine picture has been sent.
+        """
         self._client, self._engine, self._config = client, engine, config
         self._changed, self._gone = threading.Event(), threading.Event()
-        self._still_learns = still_learns
+        self._still_learns, self._after_first = still_learns, after_first
         self.quantity: Quantity = "colour"
         self.frames, self.seconds_a_frame = 0, 0.0
         self.last: Frame | None = None
@@ -85,9 +100,10 @@ class ClientPictures:
         self._thread.join(timeout=10)
 
     def _draw(self) -> None:
-        fine, rested_s = True, 0.0
+        fine, rested_s, complete = True, 0.0, False
         while not self._gone.is_set():
-            moved = self._changed.wait(_PATIENCE_S if fine else _REST_S)
+            rest_s = _REST_S if complete else _FIRST_REST_S
+            moved = self._changed.wait(_PATIENCE_S if fine else rest_s)
             self._changed.clear()
             if self._gone.is_set():
                 return
@@ -98,6 +114,9 @@ class ClientPictures:
                 self._draw_one(self._config.still_side)
                 fine = True
                 rested_s = time.monotonic()
+                if not complete:
+                    self._after_first()
+                    complete = True
             elif self._still_learns and time.monotonic() - rested_s > self._config.refresh_s:
                 self._draw_one(self._config.still_side)
                 rested_s = time.monotonic()
