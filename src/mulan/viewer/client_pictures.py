@@ -108,7 +108,7 @@ class ClientPictures:
             if self._gone.is_set():
                 return
             if moved:
-                self._draw_one(self._config.moving_side, _MOVING_DEPTH_STRIDE)
+                self._draw_one(self._config.moving_side, moving=True)
                 fine = False
             elif not fine:
                 self._draw_one(self._config.still_side)
@@ -121,13 +121,14 @@ class ClientPictures:
                 self._draw_one(self._config.still_side)
                 rested_s = time.monotonic()
 
-    def _draw_one(self, side: int, depth_stride: int = 1) -> None:
+    def _draw_one(self, side: int, moving: bool = False) -> None:
         began = time.monotonic()
         view, quantity = camera_of(self._client), self.quantity
         frame = self._engine.use(
-            lambda engine: render_frame(engine, view.camera(side), view.T_world_camera, quantity)
+            lambda engine: render_frame(engine, view.camera(side), view.T_world_camera, quantity, moving)
         )
-        depth_m = frame.depth_m[::depth_stride, ::depth_stride]
+        stride = _MOVING_DEPTH_STRIDE if moving else 1
+        depth_m = frame.depth_m[::stride, ::stride]
         self._client.scene.set_background_image(
             frame.picture, "jpeg", jpeg_quality=self._config.jpeg_quality, depth=depth_m
         )

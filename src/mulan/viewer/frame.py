@@ -40,7 +40,11 @@ def pinhole(width: int, height: int, vertical_fov_rad: float) -> PinholeCamera:
 
 
 def render_frame(
-    engine: RadianceEngine, camera: PinholeCamera, T_world_camera: Float[NDArray, "4 4"], quantity: Quantity
+    engine: RadianceEngine,
+    camera: PinholeCamera,
+    T_world_camera: Float[NDArray, "4 4"],
+    quantity: Quantity,
+    preview: bool = False,
 ) -> Frame:
     """Render the field from a pose (OpenGL axes).
 
@@ -49,12 +53,13 @@ def render_frame(
         camera: Lens and size of the picture.
         T_world_camera: Camera pose.
         quantity: What the picture shows: colour, depth, or the standard deviation of the colour.
+        preview: Whether what is nearly clear may be left out, to be faster.
     """
     shape = camera.height, camera.width
     local = camera.pixel_directions().reshape(-1, 3)
     directions = torch.from_numpy((local @ T_world_camera[:3, :3].T).astype(np.float32))
     origins = torch.from_numpy(T_world_camera[:3, 3].astype(np.float32)).expand(len(directions), 3)
-    rendering = engine.render(origins.contiguous(), directions)
+    rendering = (engine.preview if preview else engine.render)(origins.contiguous(), directions)
     opacity = rendering.opacity.cpu().numpy()
     distance_m = rendering.depth_m.cpu().numpy()
     depth_m = np.where(opacity > _LEAST_OPACITY, distance_m * -local[:, 2], _FAR_M)

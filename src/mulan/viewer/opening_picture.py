@@ -66,6 +66,6 @@ class OpeningPicture:
 
     def _draw(self) -> None:
         camera, T = self._view.camera(self._longest_side), self._view.T_world_camera
-        frame = self._engine.use(lambda engine: render_frame(engine, camera, T, "colour"))
+        frame = self._engine.use(lambda engine: render_frame(engine, camera, T, "colour", preview=True))
         if not self._somebody_looks() and not self._gone.is_set():
             self._send(frame.picture)
