@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ from mulan.geometry import se3, so3
 from mulan.geometry.camera import R_OPTICAL_OPENGL, PinholeCamera
 from mulan.mission.pixels import resized_shape
 from mulan.viewer.engine_access import EngineAccess
-from mulan.viewer.frame import Frame, Quantity, pinhole, render_frame
+from mulan.viewer.frame import AbandonedError, Frame, Quantity, pinhole, render_frame
 from mulan.viewer.viewer_config import PictureConfig
 
 _REST_S = 0.15  # a camera that has not moved for so long stands still
@@ -110,22 +111,22 @@ class ClientPictures:
             if moved:
                 self._draw_one(self._config.moving_side, moving=True)
                 fine = False
-            elif not fine:
-                self._draw_one(self._config.still_side)
-                fine = True
-                rested_s = time.monotonic()
-                if not complete:
-                    self._after_first()
-                    complete = True
-            elif self._still_learns and time.monotonic() - rested_s > self._config.refresh_s:
-                self._draw_one(self._config.still_side)
-                rested_s = time.monotonic()
+            elif not fine or (self._still_learns and time.monotonic() - rested_s > self._config.refresh_s):
+                with suppress(AbandonedError):  # the camera moves again
+                    self._draw_one(self._config.still_side)
+                    fine, rested_s = True, time.monotonic()
+                    if not complete:
+                        self._after_first()
+                        complete = True
 
     def _draw_one(self, side: int, moving: bool = False) -> None:
         began = time.monotonic()
         view, quantity = camera_of(self._client), self.quantity
+        wanted = (lambda: True) if moving else (lambda: not self._changed.is_set())
         frame = self._engine.use(
-            lambda engine: render_frame(engine, view.camera(side), view.T_world_camera, quantity, moving)
+            lambda engine: render_frame(
+                engine, view.camera(side), view.T_world_camera, quantity, moving, wanted
+            )
         )
         stride = _MOVING_DEPTH_STRIDE if moving else 1
         depth_m = frame.depth_m[::stride, ::stride]
