@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from mulan.viewer.client_pictures import ClientCamera
-from mulan.viewer.frame import pinhole, render_frame
+from mulan.viewer.frame import AbandonedError, pinhole, render_frame
 from tests.planning.analytic_engine import BallEngine
 from tests.reconstruction.cube_scene import look_at
 
@@ -45,6 +45,19 @@ def test_the_uncertain_half_is_the_bright_one():
 def test_depth_of_an_empty_view_is_said_to_be_empty():
     away = look_at((2.0, 0.0, 0.0), (4.0, 0.0, 0.0))
     assert render_frame(BallEngine(), pinhole(8, 8, 1.0), away, "depth").legend == "nothing is seen from here"
+
+
+def test_a_picture_in_bands_is_the_whole_one_and_one_no_longer_wanted_is_given_up(monkeypatch):
+    whole = frame("colour")
+    monkeypatch.setattr("mulan.viewer.frame._BAND_RAYS", 1000)
+    banded = frame("colour")
+    assert np.array_equal(whole.picture, banded.picture)
+    assert np.array_equal(whole.depth_m, banded.depth_m)
+    answers = iter([True, True, False])
+    camera, T = pinhole(64, 36, np.radians(50)), look_at((2.0, 0.0, 0.0))
+    with pytest.raises(AbandonedError):
+        render_frame(BallEngine(), camera, T, "colour", still_wanted=lambda: next(answers))
+    assert next(answers, None) is None, "three bands were begun, no more"
 
 
 def test_a_picture_has_the_window_s_shape_and_angle():

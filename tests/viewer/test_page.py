@@ -66,6 +66,21 @@ def test_a_visitor_sees_the_field_and_the_robots_and_sends_one(run: RunFolder, o
 
 
 @pytest.mark.browser
+def test_the_layers_come_after_the_first_picture_and_go_with_the_last_visitor(run, open_in_chromium):
+    page = ViewerPage(run, FinishedEngine(BallEngine()), GoalFile(run.root / "goals.json"), SMALL)
+    try:
+        assert not page._photographs._frusta
+        browser = open_in_chromium(page.url)
+        wait(lambda: len(page._photographs._frusta) == len(page._photographs.images))
+        assert all(pictures.frames >= 2 for pictures in page.pictures.values())
+        browser.close()
+        wait(lambda: not page._photographs._frusta)
+        assert not page.pictures
+    finally:
+        page.stop()
+
+
+@pytest.mark.browser
 def test_a_training_can_be_paused_from_the_page(run: RunFolder, open_in_chromium):
     access = TrainingEngine()
     engine, stop = BallEngine(), threading.Event()
@@ -112,7 +127,7 @@ def test_a_training_is_served_while_it_runs(run: RunFolder, capsys: pytest.Captu
 def test_a_page_follows_a_mission_that_goes_on(run: RunFolder, tmp_path: Path):
     page = ViewerPage(run, FinishedEngine(BallEngine()), GoalFile(run.root / "goals.json"), SMALL)
     try:
-        before = len(page._photographs._frusta)
+        before = len(page._photographs.images)
         localization = json.loads(run.localization.read_text())
         for robot in localization["robots"].values():
             robot["time_s"] = [2 * time_s for time_s in robot["time_s"]]
@@ -121,7 +136,7 @@ def test_a_page_follows_a_mission_that_goes_on(run: RunFolder, tmp_path: Path):
         more.mkdir()
         write_transforms(cube_images(more, train=before + 5), run.transforms)
         page.show_mission()
-        assert len(page._photographs._frusta) == before + 5
+        assert len(page._photographs.images) == before + 5
         assert page._layer_controls._slider is not None
         assert page._layer_controls._slider.value == page._layer_controls._slider.max == 120.0
         assert np.isinf(page._layer_controls.choice().until_s), "who looked at the end still does"

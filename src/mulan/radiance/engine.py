@@ -116,6 +116,10 @@ class RadianceEngine(ABC):
     def render(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> Rendering:
         """Colour, depth, opacity and colour variance along rays, without gradients."""
 
+    def preview(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> Rendering:
+        """A rendering that may leave out what is nearly clear, where an engine is faster without it."""
+        return self.render(origins, directions)
+
     @abstractmethod
     def sample(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> RaySamples:
         """The samples a rendering is made of, without gradients."""

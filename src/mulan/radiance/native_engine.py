@@ -18,6 +18,7 @@ from mulan.radiance.kernels.native_structures import (
     NativeAdam,
     NativeGradients,
     NativeObjective,
+    NativeOccupancy,
     NativeParameters,
     NativePoses,
     NativeRays,
@@ -215,18 +216,8 @@ class NativeEngine(SplitStepEngine):
             colour_gradient=address(colour_gradient, (len(origins), 3)), rays_a_pixel=1
         )
         out = NativeGradients(origins=address(gradients.origins), directions=address(gradients.directions))
-        report = NativeStepReport()
-        check(
-            self._c.mulan_gradients(
-                *self._context(),
-                self._parameters(),
-                rays,
-                objective,
-                out,
-                c_rendering,
-                report,
-            )
-        )
+        given = *self._context(), self._parameters(), rays, objective
+        check(self._c.mulan_gradients(*given, out, c_rendering, NativeStepReport()))
         return rendering, gradients
 
     def parameter_gradient(
@@ -252,9 +243,17 @@ class NativeEngine(SplitStepEngine):
 
         The depth is the blend's mean distance, 0 where nothing is hit.
         """
+        return self._render(origins, directions, self._grid.native)
+
+    def preview(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> Rendering:
+        """A rendering without cells and samples that are nearly clear; see :class:`RadianceEngine`."""
+        return self._render(origins, directions, self._grid.without_nearly_clear())
+
+    def _render(self, origins: Tensor, directions: Tensor, occupancy: NativeOccupancy) -> Rendering:
         rays, _keep = self._rays(origins, directions)
         rendering, c_rendering = self._empty_rendering(len(origins))
-        check(self._c.mulan_render(*self._context(), self._parameters(), rays, c_rendering))
+        parts = self._workspace, self._field, self._scene, occupancy, self._parameters()
+        check(self._c.mulan_render(*parts, rays, c_rendering))
         return rendering
 
     def sample(self, origins: Float[Tensor, "r 3"], directions: Float[Tensor, "r 3"]) -> RaySamples:

@@ -2,6 +2,8 @@
 
 import threading
 import time
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,11 +15,13 @@ from mulan.geometry import se3, so3
 from mulan.geometry.camera import R_OPTICAL_OPENGL, PinholeCamera
 from mulan.mission.pixels import resized_shape
 from mulan.viewer.engine_access import EngineAccess
-from mulan.viewer.frame import Frame, Quantity, pinhole, render_frame
+from mulan.viewer.frame import AbandonedError, Frame, Quantity, pinhole, render_frame
 from mulan.viewer.viewer_config import PictureConfig
 
 _REST_S = 0.15  # a camera that has not moved for so long stands still
+_FIRST_REST_S = 1.0  # a browser that has just opened needs the processor to show the first picture
 _PATIENCE_S = 0.5  # between looks at whether the client is still there
+_MOVING_DEPTH_STRIDE = 2  # viser sends depth as PNG: at full size it costs a tenth of a moving picture
 
 
 @dataclass(frozen=True)
@@ -59,12 +63,25 @@ class ClientPictures:
     """
 
     def __init__(
-        self, client: ClientHandle, engine: EngineAccess, config: PictureConfig, still_learns: bool
+        self,
+        client: ClientHandle,
+        engine: EngineAccess,
+        config: PictureConfig,
+        still_learns: bool,
+        after_first: Callable[[], None],
     ) -> None:
-        """Begin at once, in a thread of its own."""
+        """Begin at once, in a thread of its own.
+
+        Args:
+            client: The browser.
+            engine: The field.
+            config: Sizes.
+            still_learns: Whether a standing picture has to be drawn again now and then.
+            after_first: Called once the first fine picture has been sent.
+        """
         self._client, self._engine, self._config = client, engine, config
         self._changed, self._gone = threading.Event(), threading.Event()
-        self._still_learns = still_learns
+        self._still_learns, self._after_first = still_learns, after_first
         self.quantity: Quantity = "colour"
         self.frames, self.seconds_a_frame = 0, 0.0
         self.last: Frame | None = None
@@ -84,30 +101,36 @@ class ClientPictures:
         self._thread.join(timeout=10)
 
     def _draw(self) -> None:
-        fine, rested_s = True, 0.0
+        fine, rested_s, complete = True, 0.0, False
         while not self._gone.is_set():
-            moved = self._changed.wait(_PATIENCE_S if fine else _REST_S)
+            rest_s = _REST_S if complete else _FIRST_REST_S
+            moved = self._changed.wait(_PATIENCE_S if fine else rest_s)
             self._changed.clear()
             if self._gone.is_set():
                 return
             if moved:
-                self._draw_one(self._config.moving_side)
+                self._draw_one(self._config.moving_side, moving=True)
                 fine = False
-            elif not fine:
-                self._draw_one(self._config.still_side)
-                fine = True
-                rested_s = time.monotonic()
-            elif self._still_learns and time.monotonic() - rested_s > self._config.refresh_s:
-                self._draw_one(self._config.still_side)
-                rested_s = time.monotonic()
+            elif not fine or (self._still_learns and time.monotonic() - rested_s > self._config.refresh_s):
+                with suppress(AbandonedError):  # the camera moves again
+                    self._draw_one(self._config.still_side)
+                    fine, rested_s = True, time.monotonic()
+                    if not complete:
+                        self._after_first()
+                        complete = True
 
-    def _draw_one(self, side: int) -> None:
+    def _draw_one(self, side: int, moving: bool = False) -> None:
         began = time.monotonic()
         view, quantity = camera_of(self._client), self.quantity
+        wanted = (lambda: True) if moving else (lambda: not self._changed.is_set())
         frame = self._engine.use(
-            lambda engine: render_frame(engine, view.camera(side), view.T_world_camera, quantity)
+            lambda engine: render_frame(
+                engine, view.camera(side), view.T_world_camera, quantity, moving, wanted
+            )
         )
+        stride = _MOVING_DEPTH_STRIDE if moving else 1
+        depth_m = frame.depth_m[::stride, ::stride]
         self._client.scene.set_background_image(
-            frame.picture, "jpeg", jpeg_quality=self._config.jpeg_quality, depth=frame.depth_m
+            frame.picture, "jpeg", jpeg_quality=self._config.jpeg_quality, depth=depth_m
         )
         self.last, self.frames, self.seconds_a_frame = frame, self.frames + 1, time.monotonic() - began

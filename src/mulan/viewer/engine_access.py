@@ -13,6 +13,10 @@ from mulan.reconstruction.trainer import TrainingStatus
 T = TypeVar("T")
 
 
+class NoFieldError(RuntimeError):
+    """A training ended before its first step."""
+
+
 class EngineAccess(ABC):
     """Who may use the engine when."""
 
@@ -74,7 +78,11 @@ class TrainingEngine(EngineAccess):
         self._single_steps.release()
 
     def use(self, work: Callable[[RadianceEngine], T]) -> T:
-        """Hand the work to the training thread and wait for it; after the end it is done here."""
+        """Hand the work to the training thread and wait for it; after the end it is done here.
+
+        Raises:
+            NoFieldError: The training ended before its first step.
+        """
         future: Future = Future()
         self._waiting.put((work, future))
         if self._ended.is_set():
@@ -101,7 +109,8 @@ class TrainingEngine(EngineAccess):
                 return
             wait_s = 0.0
             try:
-                assert self._engine is not None, "the first step has not been taken"
+                if self._engine is None:
+                    raise NoFieldError("the first step has not been taken")
                 future.set_result(work(self._engine))
             except Exception as error:  # the caller's error, not the training's
                 future.set_exception(error)

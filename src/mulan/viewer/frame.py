@@ -1,6 +1,7 @@
 """One picture of the page's camera: what the field shows there, and how far away it is."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 from typing import Literal
 
 import numpy as np
@@ -15,7 +16,12 @@ from mulan.radiance.engine import RadianceEngine, Rendering
 Quantity = Literal["colour", "depth", "uncertainty"]
 _LEAST_OPACITY = 0.5  # of a pixel that hides what lies behind it
 _FAR_M = 1e4
+_BAND_RAYS = 40_000  # rendered before a picture may be abandoned: a moving one is whole
 _WHOLE_RANGE = (2.0, 98.0)  # percentiles that get the first and the last colour
+
+
+class AbandonedError(Exception):
+    """A picture was given up half done."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +46,12 @@ def pinhole(width: int, height: int, vertical_fov_rad: float) -> PinholeCamera:
 
 
 def render_frame(
-    engine: RadianceEngine, camera: PinholeCamera, T_world_camera: Float[NDArray, "4 4"], quantity: Quantity
+    engine: RadianceEngine,
+    camera: PinholeCamera,
+    T_world_camera: Float[NDArray, "4 4"],
+    quantity: Quantity,
+    preview: bool = False,
+    still_wanted: Callable[[], bool] = lambda: True,
 ) -> Frame:
     """Render the field from a pose (OpenGL axes).
 
@@ -49,12 +60,24 @@ def render_frame(
         camera: Lens and size of the picture.
         T_world_camera: Camera pose.
         quantity: What the picture shows: colour, depth, or the standard deviation of the colour.
+        preview: Whether what is nearly clear may be left out, to be faster.
+        still_wanted: Asked now and then.
+
+    Raises:
+        AbandonedError: The picture was no longer wanted.
     """
     shape = camera.height, camera.width
     local = camera.pixel_directions().reshape(-1, 3)
     directions = torch.from_numpy((local @ T_world_camera[:3, :3].T).astype(np.float32))
     origins = torch.from_numpy(T_world_camera[:3, 3].astype(np.float32)).expand(len(directions), 3)
-    rendering = engine.render(origins.contiguous(), directions)
+    render, bands = engine.preview if preview else engine.render, []
+    for band in zip(origins.contiguous().split(_BAND_RAYS), directions.split(_BAND_RAYS), strict=True):
+        if not still_wanted():
+            raise AbandonedError
+        bands.append(render(*band))
+    rendering = Rendering(
+        **{f.name: torch.cat([getattr(b, f.name) for b in bands]) for f in fields(Rendering)}
+    )
     opacity = rendering.opacity.cpu().numpy()
     distance_m = rendering.depth_m.cpu().numpy()
     depth_m = np.where(opacity > _LEAST_OPACITY, distance_m * -local[:, 2], _FAR_M)

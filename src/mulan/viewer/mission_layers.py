@@ -61,11 +61,15 @@ class MissionLayers:
 
     def show(self, choice: LayerChoice) -> None:
         """Draw the chosen layers anew."""
-        self._scene.remove_by_name(_ROOT)
+        self.remove()
         for robot in self.robots:
             self._show_robot(robot, choice)
         if choice.bearings:
             self._show_bearings(choice)
+
+    def remove(self) -> None:
+        """Take all of them out of the scene."""
+        self._scene.remove_by_name(_ROOT)
 
     def _show_robot(self, robot: RobotOnMap, choice: LayerChoice) -> None:
         root = f"{_ROOT}/{robot.name}"

@@ -13,17 +13,21 @@ from mulan.mission.run_folder import RunFolder
 from mulan.reconstruction.camera_paths import orbit
 from mulan.report.run_contents import RunContents, read_run
 from mulan.viewer.candidate_layers import CandidateLayers
-from mulan.viewer.client_pictures import ClientPictures
+from mulan.viewer.client_pictures import ClientCamera, ClientPictures
 from mulan.viewer.engine_access import EngineAccess, TrainingEngine
 from mulan.viewer.frame import Quantity
 from mulan.viewer.goal_controls import GoalControls
 from mulan.viewer.goals import GoalSink
-from mulan.viewer.mission_layers import LayerChoice, MissionLayers
+from mulan.viewer.lighting import light_cheaply
+from mulan.viewer.mission_layers import MissionLayers
+from mulan.viewer.opening_picture import OpeningPicture
 from mulan.viewer.panel import LayerControls, PictureControls, TrainingControls, add_figures, add_radio
 from mulan.viewer.photograph_layers import PhotographLayers
 from mulan.viewer.viewer_config import ViewerConfig
 
 _FRUSTUM_SHARE = 0.05  # of the distance to what the photographs look at
+_WINDOW = 1280, 720  # of a visitor who has not come yet
+_OPENING_PERIOD_S = 10.0  # between opening pictures of a field that learns: one percent of its time
 
 
 class ViewerPage:
@@ -58,10 +62,21 @@ class ViewerPage:
         self._config, self._engine, self._run = config, engine, run
         images, contents = _read_images(run), contents or read_run(run)
         self._server = _new_server(self._config)
+        light_cheaply(self._server.scene)
         self.pictures: dict[int, ClientPictures] = {}
         self._quantity: Quantity = "colour"
-        self._lock, self._candidates_wanted = threading.Lock(), True
-        self._place_first_camera(images)
+        self._lock, self._layers_shown = threading.RLock(), False
+        first_view = self._place_first_camera(images)
+        self._opening = OpeningPicture(
+            lambda picture: self._server.scene.set_background_image(
+                picture, "jpeg", jpeg_quality=config.picture.jpeg_quality
+            ),
+            engine,
+            first_view,
+            config.picture.moving_side,
+            lambda: bool(self.pictures),
+            _OPENING_PERIOD_S if self._still_learns else None,
+        )
         self._build(images, contents, goals)
         self._server.on_client_connect(self._welcome)
         self._server.on_client_disconnect(self._farewell)
@@ -74,12 +89,14 @@ class ViewerPage:
 
     def stop(self) -> None:
         """Close all."""
+        self._opening.stop()
         for pictures in list(self.pictures.values()):
             pictures.stop()
         self._server.stop()
 
     def redraw(self) -> None:
         """The field has changed."""
+        self._opening.redraw()
         for pictures in list(self.pictures.values()):
             pictures.redraw()
 
@@ -87,9 +104,9 @@ class ViewerPage:
         """Read plan.json again."""
         contents = read_run(self._run)
         if contents.plan is not None:
-            with self._lock, self._server.atomic():
+            with self._lock:
                 self._candidates = CandidateLayers(self._server.scene, contents.plan, self._scale_m)
-                self._candidates.show(self._candidates_wanted)
+                self._show_layers()
 
     def show_mission(self) -> None:
         """Read photographs, poses and covariances again: another process goes on localizing."""
@@ -101,7 +118,7 @@ class ViewerPage:
             self._photographs = PhotographLayers(self._server, images, self._scale_m)
         if self._mission is not None:
             self._layer_controls.lengthen(self._mission.span_s)
-        self._show_layers(self._layer_controls.choice(), *self._layer_controls.further())
+        self._show_layers()
 
     def refresh(self) -> None:
         """Bring the words beside the picture up to date; called now and then."""
@@ -118,7 +135,11 @@ class ViewerPage:
             self._training_controls.end()
         self.redraw()
 
-    def _place_first_camera(self, images: PosedImageSet) -> None:
+    @property
+    def _still_learns(self) -> bool:
+        return isinstance(self._engine, TrainingEngine)
+
+    def _place_first_camera(self, images: PosedImageSet) -> ClientCamera:
         T = np.stack([image.T_world_camera for image in images.train])
         centre_m = point_nearest_to_axes(T[:, :3, 3], -T[:, :3, 2])
         _, first = orbit(images, 1)[0]
@@ -126,6 +147,7 @@ class ViewerPage:
         self._scale_m = _FRUSTUM_SHARE * distance_m
         camera = self._server.initial_camera
         camera.position, camera.look_at = tuple(first[:3, 3]), tuple(centre_m)
+        return ClientCamera(first, camera.fov, *_WINDOW)
 
     def _build(self, images: PosedImageSet, contents: RunContents, goals: GoalSink) -> None:
         server = self._server
@@ -153,16 +175,33 @@ class ViewerPage:
         add_figures(server.gui, contents.headline_metrics, contents.history)
         if contents.localization:
             add_radio(server.gui, contents.localization)
-        self._show_layers(self._layer_controls.choice(), True, True)
 
-    def _show_layers(self, choice: LayerChoice, photos: bool, candidates: bool) -> None:
-        self._candidates_wanted = candidates
+    def _show_layers(self) -> None:
+        """Draw what the boxes say, but not before somebody has his picture: it would wait for the layers."""
+        choice, (photos, candidates) = self._layer_controls.choice(), self._layer_controls.further()
         with self._lock, self._server.atomic():
+            if not self._layers_shown:
+                return
             if self._mission is not None:
                 self._mission.show(choice)
             self._photographs.show(photos, choice.until_s)
             if self._candidates is not None:
                 self._candidates.show(candidates)
+
+    def _complete_scene(self) -> None:
+        with self._lock:
+            if not self._layers_shown:
+                self._layers_shown = True
+                self._show_layers()
+
+    def _clear_scene(self) -> None:
+        with self._lock, self._server.atomic():
+            self._layers_shown = False
+            if self._mission is not None:
+                self._mission.remove()
+            self._photographs.remove()
+            if self._candidates is not None:
+                self._candidates.show(False)
 
     def _show_quantity(self, quantity: Quantity) -> None:
         self._quantity = quantity
@@ -171,8 +210,9 @@ class ViewerPage:
         self.redraw()
 
     def _welcome(self, client: ClientHandle) -> None:
-        still_learns = isinstance(self._engine, TrainingEngine)
-        pictures = ClientPictures(client, self._engine, self._config.picture, still_learns)
+        pictures = ClientPictures(
+            client, self._engine, self._config.picture, self._still_learns, self._complete_scene
+        )
         pictures.quantity = self._quantity
         self.pictures[client.client_id] = pictures
 
@@ -180,6 +220,9 @@ class ViewerPage:
         pictures = self.pictures.pop(client.client_id, None)
         if pictures is not None:
             pictures.stop()
+        if not self.pictures:
+            self._clear_scene()
+            self._opening.redraw()
 
 
 def _read_images(run: RunFolder) -> PosedImageSet:

@@ -41,7 +41,7 @@ class LayerControls:
         span_s: tuple[float, float] | None,
         has_truth: bool,
         exaggeration: int,
-        changed: Callable[[LayerChoice, bool, bool], None],
+        changed: Callable[[], None],
     ) -> None:
         with gui.add_folder("In the scene"):
             boxes = {"photographs": gui.add_checkbox("Photographs", True)}
@@ -59,13 +59,10 @@ class LayerControls:
                 slider = gui.add_slider("Time [s]", span_s[0], span_s[1], step, span_s[1])
         self._boxes, self._slider, self._span_s = boxes, slider, span_s
 
-        def tell(_: object) -> None:
-            changed(self.choice(), boxes["photographs"].value, boxes["candidates"].value)
-
         for box in boxes.values():
-            box.on_update(tell)
+            box.on_update(lambda _: changed())
         if slider is not None:
-            slider.on_update(tell)
+            slider.on_update(lambda _: changed())
 
     def lengthen(self, span_s: tuple[float, float]) -> None:
         """The mission has gone on; who looked at its end still does."""

@@ -49,36 +49,46 @@ def add_frustum(
 
 
 class PhotographLayers:
-    """The training photographs of a run; a click on one moves the visitor's camera there."""
+    """The training photographs of a run; a click on one moves the visitor's camera there.
+
+    Attributes:
+        images: Those that are drawn.
+    """
 
     def __init__(self, server: ViserServer, images: PosedImageSet, scale_m: float) -> None:
         every = max(1, -(-len(images.train) // _MOST_PHOTOGRAPHS))
-        self._frusta: list[tuple[PosedImage, CameraFrustumHandle]] = []
-        robots = sorted({image.robot_id or "camera" for image in images.train})
-        for index, image in enumerate(images.train[::every]):
-            colour = rgb(colour_of(robots.index(image.robot_id or "camera")))
-            handle = add_frustum(
-                server.scene,
-                f"{_ROOT}/{index}",
-                image.camera,
-                image.T_world_camera,
-                colour,
-                scale_m,
-                _thumbnail(image),
-            )
-            self._go_there_on_click(server, image, handle)
-            self._frusta.append((image, handle))
+        self._server, self._scale_m = server, scale_m
+        self.images = images.train[::every]
+        self._robots = sorted({image.robot_id or "camera" for image in images.train})
+        self._frusta: list[CameraFrustumHandle] = []
 
     def remove(self) -> None:
         """Take all of them out of the scene."""
-        for _, handle in self._frusta:
+        for handle in self._frusta:
             handle.remove()
         self._frusta = []
 
     def show(self, visible: bool, until_s: float = np.inf) -> None:
         """Show the photographs taken by a time, or none."""
-        for image, handle in self._frusta:
+        if visible and not self._frusta:
+            self._frusta = [self._add(index) for index in range(len(self.images))]
+        for image, handle in zip(self.images, self._frusta, strict=bool(self._frusta)):
             handle.visible = visible and (image.timestamp_s is None or image.timestamp_s <= until_s)
+
+    def _add(self, index: int) -> CameraFrustumHandle:
+        image = self.images[index]
+        colour = rgb(colour_of(self._robots.index(image.robot_id or "camera")))
+        handle = add_frustum(
+            self._server.scene,
+            f"{_ROOT}/{index}",
+            image.camera,
+            image.T_world_camera,
+            colour,
+            self._scale_m,
+            _thumbnail(image),
+        )
+        self._go_there_on_click(self._server, image, handle)
+        return handle
 
     def _go_there_on_click(self, server: ViserServer, image: PosedImage, handle: CameraFrustumHandle) -> None:
         @handle.on_click

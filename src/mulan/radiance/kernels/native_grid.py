@@ -31,6 +31,10 @@ class NativeGridConfig:
     """A later refresh visits one in so many cells..."""
     occupied_cell_stride: int = 2
     """...and one in so many of the occupied ones."""
+    preview_threshold_factor: float = 5.0
+    """A preview skips cells that hold less than so many times what keeps a cell on..."""
+    preview_opacity_factor: float = 2.0
+    """...and, of an unbounded scene, samples of less than so many times the opacity of those rendered."""
 
 
 class NativeGrid:
@@ -51,6 +55,8 @@ class NativeGrid:
         self.refreshes = 0
         self._words = torch.zeros(march.cascades * (side // 4) ** 3, dtype=torch.int64)
         self.native = NativeOccupancy(words=address(self._words))
+        self._preview_words = torch.zeros_like(self._words)
+        self._preview: NativeOccupancy | None = None
         self._march, self._config, self._c = march, config, functions
         self._pack()
 
@@ -79,9 +85,7 @@ class NativeGrid:
         )
         self.refreshes += 1
         if self.refreshes >= config.warm_up_refreshes:
-            mean = float(self.opacity.sum() / self._consulted.sum())
-            threshold = min(self._march.occupancy_threshold, mean)
-            torch.gt(self.opacity, threshold, out=self.occupied)
+            torch.gt(self.opacity, self._threshold(), out=self.occupied)
             self.native.least_opacity = self._march.least_opacity
             self._pack()
 
@@ -94,14 +98,35 @@ class NativeGrid:
             self.native.least_opacity = self._march.least_opacity
         self._pack()
 
+    def without_nearly_clear(self) -> NativeOccupancy:
+        """The grid for previews; made when first asked for after a change."""
+        if self.refreshes < self._config.warm_up_refreshes:
+            return self.native
+        if self._preview is None:
+            threshold = self._config.preview_threshold_factor * self._threshold()
+            self._preview = NativeOccupancy(
+                words=address(self._preview_words),
+                least_opacity=self._config.preview_opacity_factor * self._march.least_opacity,
+            )
+            self._pack_into(self._preview, self.occupied & (self.opacity > threshold))
+        return self._preview
+
+    def _threshold(self) -> float:
+        mean = float(self.opacity.sum() / self._consulted.sum())
+        return min(self._march.occupancy_threshold, mean)
+
     def _pack(self) -> None:
+        self._preview = None
+        self._pack_into(self.native, self.occupied)
+
+    def _pack_into(self, native: NativeOccupancy, occupied: Tensor) -> None:
         check(
             self._c.mulan_occupancy_pack(
                 self._march.occupancy_resolution,
                 self._march.cascades,
-                address(self.occupied),
-                self.native.words,
-                ctypes.addressof(self.native.lower),
-                ctypes.addressof(self.native.upper),
+                address(occupied),
+                native.words,
+                ctypes.addressof(native.lower),
+                ctypes.addressof(native.upper),
             )
         )
