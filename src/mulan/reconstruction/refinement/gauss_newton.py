@@ -55,8 +55,8 @@ class PoseState:
 
     @property
     def best_known(self) -> int:
-        """Which of them localization knows best."""
-        return int(np.argmin(np.einsum("naa->n", self.prior.blocks)))
+        """Which of them has the position localization knows best."""
+        return int(np.argmin(np.einsum("naa->n", self.prior.blocks[:, 3:, 3:])))
 
     def subset(self, kept: Bool[NDArray, "n"], image: Int[NDArray, "k"]) -> "PoseState":
         """Some of the images, by their numbers in a set without the others."""

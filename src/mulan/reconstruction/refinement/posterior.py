@@ -66,7 +66,7 @@ def less_sure_of(information: Float[NDArray, "m m"], image: int, variances: floa
     own = slice(6 * image, 6 * image + 6)
     across = information[:, own]
     # an image that shows nothing has none to lose
-    spread = np.linalg.pinv(information[own, own] * (1 + 1 / variances), hermitian=True)
+    spread = variances / (1 + variances) * np.linalg.pinv(information[own, own], hermitian=True)
     lessened = information - across @ spread @ across.T
     return (lessened + lessened.T) / 2
 
