@@ -45,6 +45,8 @@ class Options:
     UWB through localization; or a range and the bearing of a recorded link an image."""
     seeds: int = 5
     """Repetitions; each draws its own noise, split and field."""
+    first_seed: int = 0
+    """Seed of the first repetition; the others' files in the same folder are kept."""
     split: EnumChoicesFromValues[Split] = Split.AZIMUTH
     """Who takes which photograph: half of the directions each, half by lot, or 15 each."""
     noise: EnumChoicesFromValues[Noise] = Noise.EQUAL
@@ -110,7 +112,7 @@ def table_config(options: Options) -> Table1Config:
         device=options.device,
     )
     only = tuple(word.strip() for word in options.only.split(",") if word.strip())
-    return Table1Config(options.seeds, only, training, options.lpips_weights)
+    return Table1Config(options.seeds, options.first_seed, only, training, options.lpips_weights)
 
 
 def print_table(metrics: dict[str, Any]) -> None:

@@ -28,7 +28,7 @@ TRAINING = TrainConfig(image_size=24, steps=120, batch_samples=2048, checkpoint_
 
 def run_table(images, folder, only=("A", "B", "alone"), steps=120):
     said = []
-    config = Table1Config(1, only, replace(TRAINING, steps=steps))
+    config = Table1Config(1, 0, only, replace(TRAINING, steps=steps))
     source = PaperSource(images, Split.AZIMUTH, Noise.EQUAL)
     metrics = table1(source, config, RunFolder(folder), lambda _: lambda *_: None, said.append)
     return metrics, said

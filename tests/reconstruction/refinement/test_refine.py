@@ -13,8 +13,9 @@ from mulan.mission.run_folder import RunFolder
 from mulan.radiance.kernels.native_library import find_native_library
 from mulan.reconstruction.captured_image import load_captured
 from mulan.reconstruction.refinement.anchored import anchored_images
-from mulan.reconstruction.refinement.refine import image_names, refine_and_train
+from mulan.reconstruction.refinement.refine import at_poses, image_names, pose_state, refine_and_train
 from mulan.reconstruction.refinement.refinement_config import CoarseStage, RefinementConfig
+from mulan.reconstruction.refinement.registration import register
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.weights import NoWeights
 from tests.reconstruction.cube_scene import cube_images
@@ -152,3 +153,33 @@ def test_registration_starts_from_the_robot_known_best(uncertain):
         ),
     )
     assert anchored_images(load_captured(vague.train, 16)).tolist() == [True, False] * 12
+
+
+@needs_native
+@pytest.mark.parametrize("opaque", [False, True])
+def test_before_a_background_registration_begins_once_more_from_the_anchor(tmp_path, opaque):
+    images = cube_images(tmp_path, train=16, test=0, side=32, opaque=opaque)
+    G = se3.exp(np.array([0.02, -0.02, 0.04, 0.08, 0.06, -0.08]))
+    train = tuple(
+        replace(
+            image, robot_id="beta", T_world_camera=G @ image.T_world_camera, pose_covariance=np.diag(SIGMA**2)
+        )
+        if i % 2
+        else replace(image, robot_id="alpha")
+        for i, image in enumerate(images.train)
+    )
+    state = pose_state(replace(images, train=train))
+    assert state is not None
+    true = np.stack([image.T_world_camera for image in images.train[1::2]])
+    config = replace(QUICK, fine_anchor=CoarseStage(1, 16, 150), fine_stage=CoarseStage(1, 16, 150))
+    counted = []
+    lost = register(
+        load_captured(train, 32), state, config, 0, lambda done, total, _: counted.append((done, total))
+    )
+    steps = 80 + 40 + 80 + (300 if opaque else 0)
+    assert counted[-1] == (steps, steps)
+    assert not lost.any()
+    if opaque:
+        displaced = replace(images, train=train)
+        after_px = shifts_px(at_poses(displaced, state, None), true)
+        assert np.median(after_px) < 0.5 * np.median(shifts_px(displaced, true))

@@ -28,6 +28,8 @@ class Table1Config:
 
     seeds: int = 5
     """Repetitions; each draws its own noise, split and field."""
+    first_seed: int = 0
+    """Seed of the first repetition."""
     only: tuple[str, ...] = ()
     """Setups to learn; all if empty. Those finished earlier with the same options are shown too."""
     training: TrainConfig = field(default_factory=TrainConfig)
@@ -72,10 +74,10 @@ def table1(
     def write() -> None:
         metrics.update(summarise(seeds, tuple(TITLES)))
         metrics["unavailable"] = {name: reason for name, reason in why_not.items() if reason}
-        metrics["provenance"] = provenance(0) | {"seeds": sorted(seeds)}
+        metrics["provenance"] = provenance(config.first_seed) | {"seeds": sorted(seeds)}
         write_json(run.metrics, metrics)
 
-    for seed in range(config.seeds):
+    for seed in range(config.first_seed, config.first_seed + config.seeds):
         folder = RunFolder(run.root / f"seed_{seed}")
         team = source.team(seed, folder, stage(f"Seed {seed}: photographs and poses"))
         if not team.true.test:
@@ -99,8 +101,8 @@ def table1(
             write()
     write()
     draw_bars(metrics, TITLES, run.root / BARS)
-    first = RunFolder(run.root / "seed_0")
-    shown = {setup.name: _folder(first, setup) for setup in SETUPS if setup.name in seeds[0]}
+    first = RunFolder(run.root / f"seed_{config.first_seed}")
+    shown = {setup.name: _folder(first, setup) for setup in SETUPS if setup.name in seeds[config.first_seed]}
     draw_views(shown, TITLES, run.root / VIEWS)
     return metrics
 

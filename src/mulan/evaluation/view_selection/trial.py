@@ -31,8 +31,8 @@ class TrialConfig:
     """Views chosen between two looks at what was learnt."""
     fields: FieldsConfig = field(default_factory=FieldsConfig)
     """How fields are learnt."""
-    members: int = 3
-    """Fields of an ensemble."""
+    members: int = 5
+    """Fields of the ensemble whose variance is judged; policies plan with as many as their rule asks for."""
     variance_of: tuple[str, ...] = (OURS,)
     """Policies whose fields' variance is judged too, which takes further members."""
 

@@ -63,6 +63,11 @@ class PoseState:
         prior, T = self.prior.subset(kept), self.T[kept]
         return PoseState(image, prior, T, self.damping[kept], self.sigma[kept], self.frame)
 
+    def begin_anew(self) -> None:
+        """Forget what steps before an earlier field did: their damping, and where that field lay."""
+        self.damping = np.full(len(self.T), _FIRST_DAMPING)
+        self.frame = FieldFrame()
+
     def place(self, data: PosedPixels) -> None:
         """Make a set of photographs learn from these poses."""
         poses = data.T_world_camera.clone()

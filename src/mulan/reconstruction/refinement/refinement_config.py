@@ -29,6 +29,11 @@ class RefinementConfig:
     """Then all images, poses and field by turns."""
     frame_stage: CoarseStage = field(default_factory=lambda: CoarseStage(0, 16, 300))
     """Where no image is exact, one more: the map as a whole must fit the few that localization knows best."""
+    fine_anchor: CoarseStage = field(default_factory=lambda: CoarseStage(1, 16, 2000))
+    """Where the background lies all around, once more from the best-known robot's images alone: the field of
+    the stages before has bent to robots that are displaced as a whole, and holds them there."""
+    fine_stage: CoarseStage = field(default_factory=lambda: CoarseStage(1, 16, 1500))
+    """And then all images and poses again, in that field."""
     multi_start: MultiStartConfig = field(default_factory=MultiStartConfig)
     """How starts are drawn from the prior."""
     first_pose_steps: int = 12

@@ -68,11 +68,14 @@ def register(
     field = choose_field(config.image_size, len(images), space.unbounded)
     march = choose_march(config.image_size, space.unbounded, quick=True)
     optimiser = choose_optimiser(space.unbounded, quick=True)
-    engine = new_engine(field, march, space, not space.unbounded, seed, optimiser, torch.device("cpu"))
     torch_random, random = torch.Generator().manual_seed(seed + 2), np.random.default_rng(seed + 3)
     frame_is_free = len(state.image) == len(images)
     stages = (*config.stages, config.frame_stage) if frame_is_free else config.stages
-    clock = _Clock(progress, config.first.steps + sum(stage.steps for stage in stages))
+    fine = (config.fine_anchor, config.fine_stage) if space.unbounded else ()
+    clock = _Clock(progress, config.first.steps + sum(stage.steps for stage in (*stages, *fine)))
+
+    def new_field() -> RadianceEngine:
+        return new_engine(field, march, space, not space.unbounded, seed, optimiser, torch.device("cpu"))
 
     def learn(data: ImageTensors, stage: CoarseStage, compared: ComparedPixels | None = None) -> None:
         weights = torch.zeros(field.levels)
@@ -101,6 +104,7 @@ def register(
             exposure.begin(data)
         return data
 
+    engine = new_field()
     learn(_tensors(blurred(images, config.first.blur_px), anchored), config.first)
     data = tensors(config.first)
     spread_starts(engine, data, state, config.multi_start, random)
@@ -109,7 +113,11 @@ def register(
     for _ in range(config.first_pose_steps):
         move_poses(compared, config.first)
     lost = np.zeros(len(state.image), dtype=bool)
-    for stage in stages:
+    for stage in (*stages, *fine[1:]):
+        if stage in fine:
+            engine = new_field()
+            learn(_tensors(blurred(images, config.fine_anchor.blur_px), anchored), config.fine_anchor)
+            state.begin_anew()
         restart(engine, data, state, lost, config.multi_start, random)
         data = tensors(stage)
         state.place(data)
