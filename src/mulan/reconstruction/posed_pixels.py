@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from mulan.geometry.camera import PinholeCamera
@@ -24,6 +24,7 @@ class PosedPixels(ABC):
         T_world_camera: Camera poses, float32; replace them to learn from corrected poses.
         image_gain: How much brighter each photograph shows red, green and blue than the field is to; colours
             of its rays are divided by that. None = not at all.
+        rests: Photographs nothing is learnt from for now: their pixels are drawn, but have no weight.
     """
 
     def __init__(self, images: Sequence[CapturedImage]) -> None:
@@ -45,6 +46,7 @@ class PosedPixels(ABC):
         self._focal_px = torch.tensor([[image.camera.fx, image.camera.fy] for image in self.images])
         self._device = torch.device("cpu")
         self.image_gain: Float[Tensor, "n 3"] | None = None
+        self.rests: Bool[Tensor, "n"] | None = None
 
     def __len__(self) -> int:
         """Number of images."""
@@ -83,7 +85,10 @@ class PosedPixels(ABC):
         """Pixels drawn uniformly, with replacement, among those of positive weight; of these, a part."""
         number = torch.randint(self.drawable_pixels, (rays,), generator=generator)
         number = number if part is None else part.of(number)
-        return self.rays(self._drawn(number.to(self._device)))
+        batch = self.rays(self._drawn(number.to(self._device)))
+        if self.rests is None:
+            return batch
+        return replace(batch, weights=batch.weights * ~self.rests[batch.image_index])
 
     def sample_pairs(self, rays: int, generator: torch.Generator, part: BatchPart | None = None) -> RayBatch:
         """Half as many pixels as rays: each is two rays on one of its diagonals, judged by their mean."""

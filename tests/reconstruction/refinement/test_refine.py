@@ -14,7 +14,7 @@ from mulan.radiance.kernels.native_library import find_native_library
 from mulan.reconstruction.captured_image import load_captured
 from mulan.reconstruction.refinement.anchored import anchored_images
 from mulan.reconstruction.refinement.refine import at_poses, image_names, pose_state, refine_and_train
-from mulan.reconstruction.refinement.refinement_config import CoarseStage, RefinementConfig
+from mulan.reconstruction.refinement.refinement_config import AllAroundConfig, CoarseStage, RefinementConfig
 from mulan.reconstruction.refinement.registration import register
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.weights import NoWeights
@@ -171,7 +171,7 @@ def test_before_a_background_registration_begins_once_more_from_the_anchor(tmp_p
     state = pose_state(replace(images, train=train))
     assert state is not None
     true = np.stack([image.T_world_camera for image in images.train[1::2]])
-    config = replace(QUICK, fine_anchor=CoarseStage(1, 16, 150), fine_stage=CoarseStage(1, 16, 150))
+    config = replace(QUICK, all_around=AllAroundConfig(CoarseStage(1, 16, 150), CoarseStage(1, 16, 150)))
     counted = []
     lost = register(
         load_captured(train, 32), state, config, 0, lambda done, total, _: counted.append((done, total))

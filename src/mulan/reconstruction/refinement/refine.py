@@ -14,7 +14,7 @@ from mulan.mission.posed_images import PosedImage, PosedImageSet
 from mulan.mission.run_folder import RunFolder
 from mulan.reconstruction.captured_image import load_captured
 from mulan.reconstruction.dataset import ImageTensors
-from mulan.reconstruction.refinement.anchored import anchored_space
+from mulan.reconstruction.refinement.anchored import anchored_images, anchored_space
 from mulan.reconstruction.refinement.compared_pixels import ComparedPixels
 from mulan.reconstruction.refinement.gauss_newton import PoseState
 from mulan.reconstruction.refinement.pose_prior import PosePrior
@@ -132,6 +132,7 @@ def refine_and_train(
     exposure = RobotExposure(images.train, config.seed) if config.robot_exposure else None
     registered = run.root / "registered.safetensors"
     captured = load_captured(images.train, min(refinement.image_size, config.image_size))
+    refinement = refinement.for_space(anchored_space(captured))
     found = read_registered(registered, state, images, refinement, config.seed, exposure)
     if found is None:
         began = time.perf_counter()
@@ -143,7 +144,11 @@ def refine_and_train(
     state = known_as_registered(captured, state, anchored_space(captured))
     believed, believed_state = without(images, state, doubted)
     exact = at_poses(believed, believed_state, None)
-    tracker = PoseTracker(believed_state, refinement, config.seed) if len(believed_state.T) else None
+    tracker = None
+    if len(believed_state.T):
+        stays = np.ones(len(captured), dtype=bool)
+        stays[state.image[doubted]] = False
+        tracker = PoseTracker(believed_state, refinement, config.seed, anchored_images(captured)[stays])
     training = train(exact, weighting, config, run, follow, between_steps=tracker, exposure=exposure)
     state.T[~doubted], state.T[doubted] = believed_state.T, state.prior.T_world_camera[doubted]
     covariance = state.prior.blocks.copy()

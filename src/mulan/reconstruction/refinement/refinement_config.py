@@ -1,7 +1,8 @@
 """Options of pose refinement."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+from mulan.radiance.space import SceneSpace
 from mulan.reconstruction.refinement.multi_start import MultiStartConfig
 
 
@@ -18,6 +19,28 @@ class CoarseStage:
 
 
 @dataclass(frozen=True)
+class AllAroundConfig:
+    """What is done otherwise where the background lies all around.
+
+    There a field bends to a robot that is displaced as a whole, and holds it there. What the best-known
+    robot's images alone have taught does not, and shows much of what the others see. Of an object, it knows
+    one side.
+    """
+
+    anchor_stage: CoarseStage = field(default_factory=lambda: CoarseStage(1, 16, 2000))
+    """Registration begins once more, with these images alone."""
+    stage: CoarseStage = field(default_factory=lambda: CoarseStage(1, 16, 1500))
+    """And then all images and poses again, in that field."""
+    final_alone: float = 0.15
+    """So does the final field, for this share of its training."""
+    final_every: int = 5
+    """Steps of the final field between two Gauss-Newton steps: before it bends again."""
+    independent_residuals: float = 48.0
+    """Of an image of 100 pixels a side: each pixel shows something. Chosen as the other one is, on seeds 100
+    and 101."""
+
+
+@dataclass(frozen=True)
 class RefinementConfig:
     """How poses are corrected while the field is learnt."""
 
@@ -29,11 +52,8 @@ class RefinementConfig:
     """Then all images, poses and field by turns."""
     frame_stage: CoarseStage = field(default_factory=lambda: CoarseStage(0, 16, 300))
     """Where no image is exact, one more: the map as a whole must fit the few that localization knows best."""
-    fine_anchor: CoarseStage = field(default_factory=lambda: CoarseStage(1, 16, 2000))
-    """Where the background lies all around, once more from the best-known robot's images alone: the field of
-    the stages before has bent to robots that are displaced as a whole, and holds them there."""
-    fine_stage: CoarseStage = field(default_factory=lambda: CoarseStage(1, 16, 1500))
-    """And then all images and poses again, in that field."""
+    all_around: AllAroundConfig = field(default_factory=AllAroundConfig)
+    """What is done otherwise where no object was cut out."""
     multi_start: MultiStartConfig = field(default_factory=MultiStartConfig)
     """How starts are drawn from the prior."""
     first_pose_steps: int = 12
@@ -49,6 +69,8 @@ class RefinementConfig:
     """Field evaluations a step of registration."""
     final_every: int = 25
     """Steps of the final field between two Gauss-Newton steps."""
+    final_alone: float = 0.0
+    """Share of the final training in which only the best-known robot's images are learnt from."""
     final_rays: int = 128
     """Pixels of each image in one of these."""
     first_step_share: float = 1.6
@@ -76,3 +98,15 @@ class RefinementConfig:
     multiple of what its own residuals leave it. Chosen for honest covariances on seeds 100 to 102."""
     posterior_points: int = 16
     """Points of each image that are looked up in all others to tell how well poses are known in the end."""
+
+    def for_space(self, space: SceneSpace) -> "RefinementConfig":
+        """The options that hold in a scene."""
+        if not space.unbounded:
+            return self
+        around = self.all_around
+        return replace(
+            self,
+            final_alone=around.final_alone,
+            final_every=around.final_every,
+            independent_residuals=around.independent_residuals,
+        )

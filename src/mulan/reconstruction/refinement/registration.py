@@ -71,8 +71,11 @@ def register(
     torch_random, random = torch.Generator().manual_seed(seed + 2), np.random.default_rng(seed + 3)
     frame_is_free = len(state.image) == len(images)
     stages = (*config.stages, config.frame_stage) if frame_is_free else config.stages
-    fine = (config.fine_anchor, config.fine_stage) if space.unbounded else ()
-    clock = _Clock(progress, config.first.steps + sum(stage.steps for stage in (*stages, *fine)))
+    anchor_stage = config.all_around.anchor_stage if space.unbounded else None
+    if anchor_stage:
+        stages = (*stages, config.all_around.stage)
+    anchored_steps = config.first.steps + (anchor_stage.steps if anchor_stage else 0)
+    clock = _Clock(progress, anchored_steps + sum(stage.steps for stage in stages))
 
     def new_field() -> RadianceEngine:
         return new_engine(field, march, space, not space.unbounded, seed, optimiser, torch.device("cpu"))
@@ -113,10 +116,10 @@ def register(
     for _ in range(config.first_pose_steps):
         move_poses(compared, config.first)
     lost = np.zeros(len(state.image), dtype=bool)
-    for stage in (*stages, *fine[1:]):
-        if stage in fine:
+    for number, stage in enumerate(stages, 1):
+        if anchor_stage and number == len(stages):
             engine = new_field()
-            learn(_tensors(blurred(images, config.fine_anchor.blur_px), anchored), config.fine_anchor)
+            learn(_tensors(blurred(images, anchor_stage.blur_px), anchored), anchor_stage)
             state.begin_anew()
         restart(engine, data, state, lost, config.multi_start, random)
         data = tensors(stage)
