@@ -41,6 +41,8 @@ class Options:
     """Repetitions; each draws its own first views, windows, pose errors and fields."""
     first_seed: int = 0
     """Seed of the first repetition."""
+    members: int = 5
+    """Fields of the ensemble whose variance is judged for 'ours'; its rule plans with three of them."""
     pool: EnumChoicesFromValues[PoolKind] = PoolKind.STANDARD
     """What is wrong with the photographs: nothing; half the field of view, pointed at random; half of them
     with a position error of 0.15 m; all with one of 0.02 m to 0.08 m."""
@@ -86,8 +88,14 @@ def comparison(options: Options) -> ViewSelectionConfig:
     ):
         if value < 1:
             raise InputError(option, "value", f"{value} is below one", "give one or more")
+    if options.members < 3:
+        raise InputError("--members", "value", f"{options.members} is below three", "give three or more")
     trial = TrialConfig(
-        views=views, first_views=options.first_views, round_views=options.round_views, fields=fields
+        views=views,
+        first_views=options.first_views,
+        round_views=options.round_views,
+        fields=fields,
+        members=options.members,
     )
     policies = tuple(word.strip() for word in options.policies.split(",") if word.strip())
     return ViewSelectionConfig(options.pool, options.seeds, options.first_seed, policies, trial)
