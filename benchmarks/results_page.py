@@ -261,6 +261,7 @@ LEARNING = {
         "Wireless poses: the whole pipeline if its map had the perfect shape", ceiling, _CEILING
     ),
     "table1_fox": Learning("Wireless poses: the paper's noise on fox", table1, _FULL),
+    "table1_fox_loop": Learning("Wireless poses: the whole pipeline on fox", table1, _FULL),
     "table1_time": Learning("Wireless poses: three minutes each on the clock", table1, _CLOCK),
     "table1_loop": Learning("Wireless poses: the whole pipeline, all setups", table1, _STEPS),
     "table1_paper": Learning("Wireless poses: the paper's noise", table1, _STEPS),
