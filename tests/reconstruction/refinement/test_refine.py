@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from mulan.geometry import se3
 from mulan.mission.nerfstudio import read_transforms
@@ -12,7 +13,9 @@ from mulan.mission.posed_images import PosedImageSet
 from mulan.mission.run_folder import RunFolder
 from mulan.radiance.kernels.native_library import find_native_library
 from mulan.reconstruction.captured_image import load_captured
+from mulan.reconstruction.dataset import ImageTensors
 from mulan.reconstruction.refinement.anchored import anchored_images
+from mulan.reconstruction.refinement.pose_tracker import PoseTracker
 from mulan.reconstruction.refinement.refine import at_poses, image_names, pose_state, refine_and_train
 from mulan.reconstruction.refinement.refinement_config import AllAroundConfig, CoarseStage, RefinementConfig
 from mulan.reconstruction.refinement.registration import register
@@ -183,3 +186,40 @@ def test_before_a_background_registration_begins_once_more_from_the_anchor(tmp_p
         displaced = replace(images, train=train)
         after_px = shifts_px(at_poses(displaced, state, None), true)
         assert np.median(after_px) < 0.5 * np.median(shifts_px(displaced, true))
+
+
+@needs_native
+def test_before_a_background_the_final_field_begins_with_the_anchor(tmp_path, monkeypatch):
+    images = cube_images(tmp_path, train=8, test=0, side=24, opaque=True)
+    train = tuple(
+        replace(image, robot_id="beta", pose_covariance=np.diag(SIGMA**2))
+        if i % 2
+        else replace(image, robot_id="alpha")
+        for i, image in enumerate(images.train)
+    )
+    brief = CoarseStage(1, 16, 10)
+    config = replace(QUICK, first=brief, stages=(brief,), all_around=AllAroundConfig(brief, brief, 0.3, 5))
+    seen = []
+
+    class Watched(PoseTracker):
+        """Notes how many photographs rest after each step."""
+
+        def after_step(self, engine, data, steps, fraction_done):
+            super().after_step(engine, data, steps, fraction_done)
+            seen.append((fraction_done, 0 if data.rests is None else int(data.rests.sum())))
+
+    monkeypatch.setattr("mulan.reconstruction.refinement.refine.PoseTracker", Watched)
+    run = RunFolder(tmp_path / "run")
+    run.root.mkdir()
+    training = TrainConfig(image_size=24, steps=40, batch_samples=2**11)
+    refine_and_train(replace(images, train=train), NoWeights(), training, config, run, lambda *_: None)
+    assert {resting for done, resting in seen if done < 0.3} == {4}
+    assert {resting for done, resting in seen if done >= 0.3} == {0}
+
+
+def test_photographs_that_rest_have_no_weight(tmp_path):
+    data = ImageTensors(load_captured(cube_images(tmp_path, train=3, test=0, side=8).train, 8))
+    data.rests = torch.tensor([False, True, False])
+    for draw in (data.sample, data.sample_pairs):
+        batch = draw(64, torch.Generator().manual_seed(0))
+        assert torch.equal(batch.weights > 0, batch.image_index != 1)
