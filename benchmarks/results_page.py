@@ -272,7 +272,7 @@ LEARNING = {
     "convergence": Learning("A whole robot displaced and turned", convergence, _STEPS),
     "table2": Learning("The hardware experiment, simulated: lego, both robots drift", table2, _STEPS),
     "table2_second": Learning("The hardware experiment, simulated: lego, one drifts", table2, _STEPS),
-    "table2_fox": Learning("The hardware experiment, simulated: fox, both robots drift", table2, _STEPS),
+    "table2_fox": Learning("The hardware experiment, simulated: fox, both robots drift", table2, _FULL),
     "gpu": Learning("Learning on a GPU", gpu_table, "Each time is a training of its own, from new."),
     "gpu_refinement": Learning("Wireless poses on a GPU: the paper's noise", table1, _ON_A_GPU),
     "fleet_soak": Learning("The fleet over a bad link, with kills", soak, _SOAK),
