@@ -44,8 +44,9 @@ def test_a_recording_read_as_it_grows_gives_the_bearings_of_the_whole_each_estim
     assert len(grown) == len(whole) > len(early)
     assert remembered.estimated - after_the_first_part == len(whole) - after_the_first_part
     for got, expected in zip(grown, whole, strict=True):
-        assert np.array_equal(got.direction_odom, expected.direction_odom)
-        assert np.array_equal(got.tangent_covariance, expected.tangent_covariance)
+        # sums over arrays that lie otherwise in memory may differ in their last bit on some processors
+        np.testing.assert_allclose(got.direction_odom, expected.direction_odom, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(got.tangent_covariance, expected.tangent_covariance, rtol=1e-12, atol=1e-17)
     assert [b.profile is not None for b in grown] == [b.profile is not None for b in whole]
     again = remembered.estimated
     estimate_bearings(robots, config, of_aperture=remembered)
