@@ -46,7 +46,9 @@ def test_a_recording_read_as_it_grows_gives_the_bearings_of_the_whole_each_estim
     for got, expected in zip(grown, whole, strict=True):
         # sums over arrays that lie otherwise in memory may differ in their last bit on some processors
         np.testing.assert_allclose(got.direction_odom, expected.direction_odom, rtol=0, atol=1e-14)
-        np.testing.assert_allclose(got.tangent_covariance, expected.tangent_covariance, rtol=1e-12, atol=1e-17)
+        np.testing.assert_allclose(
+            got.tangent_covariance, expected.tangent_covariance, rtol=1e-12, atol=1e-17
+        )
     assert [b.profile is not None for b in grown] == [b.profile is not None for b in whole]
     again = remembered.estimated
     estimate_bearings(robots, config, of_aperture=remembered)
