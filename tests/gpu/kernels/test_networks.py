@@ -16,6 +16,7 @@ from tests.gpu.kernels.place import DEVICE, FIELD, random, rays, relative_error
 from tests.native.reference import gradient
 
 MARCHED, REACHED, ROOM, RAYS = 700, 500, 1024, 20
+KINK = 0.01  # of a layer's spread; a ReLU nearer to its kink falls to either side by rounding
 
 
 class Problem:
@@ -41,16 +42,24 @@ class Problem:
         self.inputs = self.encoded[:, source[:REACHED].long()].T.cpu().requires_grad_()
         self.bands = spherical_harmonics(self.directions.cpu(), FIELD.harmonics_degree)
         self.bands = self.bands[self.ray[:REACHED].cpu().long()].requires_grad_()
+        self.at_a_kink = torch.zeros(REACHED, dtype=torch.bool)
         self.evaluate()
+
+    def relu(self, before: torch.Tensor) -> torch.Tensor:
+        self.at_a_kink |= (before.detach().abs() < KINK * before.detach().std()).any(-1)
+        return before.relu()
 
     def evaluate(self) -> None:
         f, linear = self.field, torch.nn.functional.linear
-        hidden = linear(self.inputs, f.density_hidden).relu()
+        hidden = self.relu(linear(self.inputs, f.density_hidden))
         features = linear(hidden, f.density_out)
-        first = linear(torch.cat([self.bands, features], -1), f.colour_hidden_0).relu()
-        logits = linear(linear(first, f.colour_hidden_1).relu(), f.colour_out)
+        first = self.relu(linear(torch.cat([self.bands, features], -1), f.colour_hidden_0))
+        logits = linear(self.relu(linear(first, f.colour_hidden_1)), f.colour_out)
         self.density, self.colour = torch.exp(features[:, 0] - 1.5), logits.sigmoid()
         self.variance = f.variance(hidden, features, self.variance_teaches)
+        assert 100 < self.at_a_kink.sum() < REACHED - 100
+        for x in (self.gradients.logits, self.gradients.log_density, self.gradients.variance):
+            x[..., :REACHED][..., self.at_a_kink.to(DEVICE)] = 0
         upstream = [
             x[..., :REACHED].cpu() for x in (self.gradients.logits.T[:REACHED].T, self.gradients.log_density)
         ]
@@ -65,7 +74,7 @@ def problem():
 
 @pytest.mark.parametrize(
     ("precision", "tolerance"),
-    # TF32 keeps 10 bits: a gradient was 1.1 % off on an H200; the interpreter multiplies in full float32
+    # TF32 keeps 10 bits on a GPU; the interpreter multiplies in full float32
     [(MatrixPrecision.FP32, 1e-5), (MatrixPrecision.TF32, 4e-3), (MatrixPrecision.BF16, 4e-2)],
 )
 def test_values_and_all_gradients_are_the_references(problem, precision, tolerance):
@@ -91,7 +100,7 @@ def test_values_and_all_gradients_are_the_references(problem, precision, toleran
         rays=True,
         variance_teaches=False,
     )
-    # a ReLU at its kink may fall to either side; and the interpreter truncates to bf16, a GPU rounds
+    # the interpreter truncates to bf16, a GPU rounds
     tolerance *= 4
     assert relative_error(got.encoded[:, :REACHED].T, gradient(problem.inputs)) < tolerance
     assert got.harmonics is not None
