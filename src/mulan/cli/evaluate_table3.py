@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import tyro
-from rich.table import Table
 
+from mulan.cli.paired_gains import paired_gains_table
 from mulan.cli.progress import console, progress_stages
 from mulan.evaluation.table3.policies import TITLES
 from mulan.mission.run_folder import RunFolder
@@ -34,31 +34,9 @@ class Options:
 
 
 def print_table(metrics: dict[str, Any]) -> None:
-    """PSNR at every observation, and the paired gain at the last over the two references."""
-    policies = metrics["policies"]
-    counts = list(next(iter(policies.values()))["observations"])
-    table = Table(box=None, header_style="dim", padding=(0, 1))
-    table.add_column("policy", no_wrap=True)
-    for heading in (*counts, *(f"−rnd@{count}" for count in counts), f"−far@{counts[-1]}"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for name, policy in policies.items():
-        at = policy["observations"]
-        cells = []
-        for count in counts:
-            psnr = at[count]["psnr_db"]
-            cells.append(f"{psnr['mean']:.2f}" + ("" if psnr["std"] is None else f"±{psnr['std']:.2f}"))
-        cells += [_gain(at[count]["minus"].get("random")) for count in counts]
-        cells.append(_gain(at[counts[-1]]["minus"].get("farthest-point")))
-        table.add_row(TITLES[name], *cells)
-    console.print(table)
+    """PSNR at every observation, and the paired gains over the two references."""
+    console.print(paired_gains_table(metrics["policies"], TITLES, "observations"))
     console.print("[dim]mean PSNR of the test views in dB by observation; paired gains with 95 % interval[/]")
-
-
-def _gain(gain: dict[str, Any] | None) -> str:
-    if gain is None:
-        return "–"
-    half = "" if gain["low"] is None else f"±{gain['mean'] - gain['low']:.2f}"
-    return f"{gain['mean']:+.2f}{half}"
 
 
 def main(arguments: Sequence[str]) -> int:

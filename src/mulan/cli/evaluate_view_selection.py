@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import tyro
-from rich.table import Table
 from tyro.conf import EnumChoicesFromValues
 
 from mulan.cli.evaluate_engine import recordings
+from mulan.cli.paired_gains import paired_gains_table
 from mulan.cli.progress import console, progress_stages
 from mulan.errors import InputError
 from mulan.evaluation.view_selection.fields import FieldsConfig
-from mulan.evaluation.view_selection.policies import FARTHEST, RANDOM, TITLES
+from mulan.evaluation.view_selection.policies import TITLES
 from mulan.evaluation.view_selection.pools import PoolKind
 from mulan.evaluation.view_selection.protocol import PICTURE, ViewSelectionConfig, view_selection
 from mulan.evaluation.view_selection.trial import TrialConfig
@@ -102,34 +102,15 @@ def comparison(options: Options) -> ViewSelectionConfig:
 
 
 def print_comparison(metrics: dict[str, Any]) -> None:
-    """PSNR at every number of views, and the paired gain at the last over the two references."""
+    """PSNR at every number of views with the paired gains, and how well the variance ranks the error."""
     policies = metrics["policies"]
-    counts = list(next(iter(policies.values()))["views"])
-    table = Table(box=None, header_style="dim", padding=(0, 1))
-    table.add_column("policy", no_wrap=True)
-    headings = [
-        *(f"{count} views" for count in counts),
-        *(f"−{r}@{c}" for c in counts for r in ("rnd", "far")),
-    ]
-    for heading in (*headings, "ms"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for name, policy in policies.items():
-        cells = []
-        for count in counts:
-            psnr = policy["views"][count]["psnr_db"]
-            cells.append(f"{psnr['mean']:.2f}" + ("" if psnr["std"] is None else f"±{psnr['std']:.2f}"))
-        for count in counts:
-            minus = policy["views"][count]["minus"]
-            cells += [_gain(minus.get(reference)) for reference in (RANDOM, FARTHEST)]
-        cells.append("–" if policy["plan_ms"] is None else f"{policy['plan_ms']:.1f}")
-        table.add_row(TITLES[name], *cells)
-    console.print(table)
+    console.print(paired_gains_table(policies, TITLES, "views"))
     console.print(
         "[dim]mean PSNR of the test views in dB; paired gains with 95 % interval; ms a candidate[/]"
     )
     for name, policy in policies.items():
-        for count in counts:
-            if "ause" in (at := policy["views"][count]):
+        for count, at in policy["views"].items():
+            if "ause" in at:
                 ause, rank = at["ause"], at["spearman"]
                 console.print(
                     f"[dim]{TITLES[name]}, {count} views, object pixels, AUSE and Spearman:"
@@ -137,13 +118,6 @@ def print_comparison(metrics: dict[str, Any]) -> None:
                     f" learned {ause['learned']:.2f}, {rank['learned']:.2f};"
                     f" by lot AUSE {ause['chance']:.2f}[/]"
                 )
-
-
-def _gain(gain: dict[str, Any] | None) -> str:
-    if gain is None:
-        return "–"
-    half = "" if gain["low"] is None else f"±{gain['mean'] - gain['low']:.2f}"
-    return f"{gain['mean']:+.2f}{half}"
 
 
 def main(arguments: Sequence[str]) -> int:
