@@ -15,8 +15,9 @@ from mulan.planning.scores.angular_novelty import AngularNovelty
 from mulan.planning.scores.coverage import Coverage
 from mulan.planning.scores.ensemble import EnsembleVariance
 from mulan.planning.scores.farthest_point import FarthestPoint
+from mulan.planning.scores.mean_sum import MeanSum, default_score
 from mulan.planning.scores.random_order import RandomOrder
-from mulan.planning.scores.rank_sum import RankSum, default_score
+from mulan.planning.scores.score import Score
 from mulan.planning.scores.surround_coverage import SurroundCoverage, surrounding
 from mulan.planning.scores.variance_posterior import VariancePosterior
 from mulan.planning.selection import choose_views
@@ -134,17 +135,42 @@ def test_uncertain_views_come_after_every_certain_one_and_the_best_known_first()
     assert order[2:] == [1, 0]
 
 
-def test_ranks_do_not_depend_on_the_units_of_the_scores():
+@dataclass(frozen=True)
+class Given(Score):
+    worth: tuple[float, ...]
+
+    def __call__(self, knowledge, candidates):
+        return np.array(self.worth)
+
+
+def test_a_sum_of_scores_does_not_depend_on_their_units():
     @dataclass(frozen=True)
-    class Cubed(AngularNovelty):
+    class InOtherUnits(AngularNovelty):
         def __call__(self, knowledge, candidates):
-            return 1000 * super().__call__(knowledge, candidates) ** 3
+            return 1000 * super().__call__(knowledge, candidates)
 
     candidates = [view(a) for a in (10, 50, 130, 170, 250)]
     knowledge = knowing(view(0), fields=MEMBERS)
-    plain = RankSum((AngularNovelty(), EnsembleVariance()))(knowledge, candidates)
-    np.testing.assert_allclose(RankSum((Cubed(), EnsembleVariance()))(knowledge, candidates), plain)
-    assert default_score() == RankSum((AngularNovelty(), EnsembleVariance()))
+    plain = MeanSum((AngularNovelty(), EnsembleVariance()))(knowledge, candidates)
+    np.testing.assert_allclose(
+        MeanSum((InOtherUnits(), EnsembleVariance()))(knowledge, candidates), plain, rtol=1e-5
+    )
+
+
+def test_a_score_counts_as_far_as_it_tells_candidates_apart():
+    candidates = [view(a) for a in (10, 50, 130)]
+    nearly_alike, apart, nothing = Given((1.02, 1.0, 0.98)), Given((1.0, 2.0, 6.0)), Given((0.0, 0.0, 0.0))
+    together = MeanSum((nearly_alike, apart))(knowing(view(0)), candidates)
+    assert list(np.argsort(together)) == [0, 1, 2]
+    np.testing.assert_allclose(together, np.array(nearly_alike.worth) + np.array(apart.worth) / 3)
+    np.testing.assert_array_equal(
+        MeanSum((apart, nothing))(knowing(view(0)), candidates), np.array(apart.worth) / 3
+    )
+
+
+def test_the_default_is_novelty_and_disagreement():
+    knowledge = knowing(view(0), fields=MEMBERS)
+    assert default_score() == MeanSum((AngularNovelty(), EnsembleVariance()))
     assert default_score().fields_needed == 3
     assert len(default_score()(knowledge, [])) == 0
 

@@ -12,8 +12,8 @@ from mulan.planning.score import LiteralPosterior
 from mulan.planning.scores.angular_novelty import AngularNovelty
 from mulan.planning.scores.coverage import Coverage
 from mulan.planning.scores.farthest_point import FarthestPoint
+from mulan.planning.scores.mean_sum import default_score
 from mulan.planning.scores.random_order import RandomOrder
-from mulan.planning.scores.rank_sum import default_score
 from mulan.planning.scores.score import RayScore, Score
 from mulan.planning.scores.surround_coverage import SurroundCoverage
 from mulan.planning.scores.variance_posterior import VariancePosterior

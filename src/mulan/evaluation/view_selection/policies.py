@@ -12,8 +12,8 @@ from mulan.planning.scores.direction_coverage import DirectionCoverage
 from mulan.planning.scores.ensemble import EnsembleVariance
 from mulan.planning.scores.farthest_point import FarthestPoint
 from mulan.planning.scores.fisher import FisherInformation
+from mulan.planning.scores.mean_sum import default_score
 from mulan.planning.scores.random_order import RandomOrder
-from mulan.planning.scores.rank_sum import default_score
 from mulan.planning.scores.score import Score
 from mulan.planning.scores.variance_posterior import VariancePosterior
 

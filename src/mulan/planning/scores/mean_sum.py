@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
-from scipy.stats import rankdata
 
 from mulan.planning.knowledge import Knowledge
 from mulan.planning.scores.angular_novelty import AngularNovelty
@@ -16,8 +15,11 @@ from mulan.planning.view import View
 
 
 @dataclass(frozen=True)
-class RankSum(Score):
-    """Sum of the candidates' ranks under several scores, whose units then need no exchange rate (Borda).
+class MeanSum(Score):
+    """Sum of several scores of no negative worth, each in units of its mean over the candidates.
+
+    So a score counts as far as it tells the candidates apart: were ranks added, one by which all are nearly
+    alike would weigh as much as one that sees some to be worthless.
 
     Attributes:
         scores: The scores.
@@ -31,12 +33,13 @@ class RankSum(Score):
         return max(score.fields_needed for score in self.scores)
 
     def __call__(self, knowledge: Knowledge, candidates: Sequence[View]) -> Float[NDArray, "n"]:
-        """Ranks from 1 up, ties shared."""
-        if not candidates:
-            return np.zeros(0)
-        return sum(
-            (rankdata(score(knowledge, candidates)) for score in self.scores), np.zeros(len(candidates))
-        )
+        """Around one for each score; one that is nothing for all candidates adds nothing."""
+        total = np.zeros(len(candidates))
+        for score in self.scores:
+            worth = score(knowledge, candidates)
+            if worth.any():
+                total += worth / worth.mean()
+        return total
 
 
 def default_score() -> Score:
@@ -44,4 +47,4 @@ def default_score() -> Score:
 
     The first decides while all views look at the scene, the second once they are narrow or badly pointed.
     """
-    return RankSum((AngularNovelty(), EnsembleVariance()))
+    return MeanSum((AngularNovelty(), EnsembleVariance()))
