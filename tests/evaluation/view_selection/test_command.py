@@ -3,10 +3,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from mulan.cli.main import run_command
 from mulan.errors import InputError
-from mulan.evaluation.view_selection.fields import FieldsConfig, judged_fields
+from mulan.evaluation.view_selection.fields import FieldsConfig, judged_fields, planning_fields
 from mulan.evaluation.view_selection.judgement import judge, rank_correlation
 from mulan.evaluation.view_selection.policies import POLICIES
 from mulan.evaluation.view_selection.pools import PoolKind, PoolSource
@@ -15,6 +16,7 @@ from mulan.evaluation.view_selection.trial import TrialConfig
 from mulan.mission.nerfstudio import write_transforms
 from mulan.mission.run_folder import RunFolder
 from mulan.radiance.config import FieldConfig
+from mulan.reconstruction.dataset import ImageTensors
 
 from ...reconstruction.cube_scene import cube_images
 
@@ -82,6 +84,25 @@ def test_the_same_choice_gives_the_same_field_bit_for_bit(tmp_path):
     assert a["ensemble_psnr_db"] != a["psnr_db"]
 
 
+def test_a_distortion_weight_draws_the_light_of_each_ray_together(tmp_path):
+    pool = PoolSource(cube_images(tmp_path, train=6, test=1), PoolKind.NARROW, 24).pool(0)
+    rays = ImageTensors(pool.test).image_rays(0)
+
+    def scatter_m(fields):
+        seen = fields[0].sample(rays.origins, rays.directions)
+        depth_m = torch.zeros(len(rays.origins)).index_add(0, seen.ray_index, seen.blend * seen.distance_m)
+        light = torch.zeros(len(rays.origins)).index_add(0, seen.ray_index, seen.blend)
+        mean_m = (depth_m / light.clamp_min(1e-6))[seen.ray_index]
+        return float((seen.blend * (seen.distance_m - mean_m).abs()).sum() / light.sum())
+
+    costly = replace(FIELDS, steps=120, distortion_weight=0.1)
+    free = replace(costly, distortion_weight=0.0)
+    for learn in (judged_fields, planning_fields):
+        longer = {"planning_steps": 120}
+        costs, leaves = (learn(pool, (0, 1, 2), 1, 7, replace(c, **longer)) for c in (costly, free))
+        assert scatter_m(costs) < 0.8 * scatter_m(leaves)
+
+
 def test_rank_correlation_of_a_constant_is_none():
     x = np.arange(5.0)
     assert rank_correlation(x, x**3) == pytest.approx(1)
@@ -129,3 +150,5 @@ def test_the_command_compares_on_any_posed_image_set(tmp_path, capsys):
     assert "AUSE" in capsys.readouterr().out
     with pytest.raises(InputError, match="--views: 'many'"):
         run_command([*arguments, "--views", "many"])
+    with pytest.raises(InputError, match=r"--distortion-weight.*zero or more"):
+        run_command([*arguments, "--distortion-weight", "nan"])

@@ -10,6 +10,7 @@ from mulan.radiance.backend import Device
 from mulan.radiance.config import FieldConfig
 from mulan.radiance.engine import RadianceEngine
 from mulan.radiance.optimiser_config import OptimiserConfig
+from mulan.reconstruction.field_choice import choose_optimiser
 from mulan.reconstruction.learn_in_memory import learn_in_memory
 from mulan.reconstruction.train_config import TrainConfig
 from mulan.reconstruction.weights import UncertaintyWeights, Weighting
@@ -36,6 +37,9 @@ class FieldsConfig:
     (the graded one) have no exact pose."""
     judged_field: FieldConfig | None = None
     """Sizes of the fields that are judged; chosen from the number of views if not given."""
+    distortion_weight: float = 0.0
+    """What weight scattered along a ray costs, in fields that plan and that are judged. Views that overlap
+    little leave depth to chance, and it then helps; whole photographs are as well without."""
 
 
 def planning_fields(
@@ -49,7 +53,7 @@ def planning_fields(
         device=Device.CPU,
         field=config.planning_field,
     )
-    return _learn(pool, chosen, members, seed, training, config.weighting)
+    return _learn(pool, chosen, members, seed, training, config)
 
 
 def judged_fields(
@@ -62,7 +66,7 @@ def judged_fields(
         device=Device.CPU,
         field=config.judged_field,
     )
-    return _learn(pool, chosen, members, seed, training, config.weighting)
+    return _learn(pool, chosen, members, seed, training, config)
 
 
 def _learn(
@@ -71,17 +75,20 @@ def _learn(
     members: int,
     seed: int,
     training: TrainConfig,
-    weighting: Weighting,
+    config: FieldsConfig,
 ) -> list[RadianceEngine]:
-    # few views before one background leave walls of its colour in the air, here and there by chance
-    cut_out = all(photograph.alpha is not None for photograph in pool.photographs)
-    optimiser = OptimiserConfig(table_learning_rate=3e-2, random_background=True) if cut_out else None
+    optimiser = choose_optimiser(pool.space.unbounded)
+    if all(photograph.alpha is not None for photograph in pool.photographs):
+        # few views before one background leave walls of its colour in the air, here and there by chance
+        optimiser = OptimiserConfig(table_learning_rate=3e-2, random_background=True)
+    if config.distortion_weight:
+        optimiser = replace(optimiser, distortion_weight=config.distortion_weight)
     # sorted, so that a field depends on the set and not on the order it was chosen in
     photographs = [pool.photographs[i] for i in sorted(chosen)]
     return [
         learn_in_memory(
             photographs,
-            weighting,
+            config.weighting,
             pool.space,
             replace(training, seed=_MEMBER_SEEDS * member + seed),
             optimiser,
