@@ -54,7 +54,7 @@ def draw(metrics: dict[str, Any], titles: Mapping[str, str], path: Path, counted
     bars.axvline(0, color="#555", lw=0.8)
     bars.set_yticks(np.arange(len(rows)), [titles[name] for name in rows], fontsize=8)
     marks = ", ".join(f"{'circle' if k == 0 else 'square'} {count} {counted}" for k, count in enumerate(last))
-    bars.set(xlabel=f"PSNR above {titles[reference]} [dB], paired, with 95 % interval", title=marks)
+    bars.set(xlabel=f"PSNR above {titles[reference]} [dB],\npaired, with 95 % interval", title=marks)
     bars.title.set_fontsize(9)
     bars.grid(alpha=0.25, axis="x")
     write_atomically(path, lambda temporary: figure.savefig(temporary, format="png"))
