@@ -1,9 +1,11 @@
 import importlib.util
+import sys
 from pathlib import Path
 
 import pytest
 
 from mulan.cli import simulate
+from mulan.cli.simulate_active import film_frames
 from mulan.errors import InputError
 from mulan.mission.bag_reader import read_mission
 from mulan.mission.run_folder import RunFolder, read_json
@@ -30,6 +32,13 @@ def test_one_command_goes_from_the_first_photograph_to_the_report_and_the_video(
         assert (run.root / "video.mp4").stat().st_size > 500
     mission = read_mission(run.root / "mission.mcap")
     assert [len(robot.photos) for robot in mission.robots] in ([4, 3], [3, 3])
+
+
+def test_without_ffmpeg_only_a_video_that_was_asked_for_stops_a_mission(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    assert film_frames(None) == film_frames(0) == 0
+    with pytest.raises(InputError, match=r"imageio-ffmpeg.*mulan\[export\]"):
+        film_frames(8)
 
 
 @pytest.mark.parametrize("word", ["beta", "beta@", "beta@0", "@3x"])

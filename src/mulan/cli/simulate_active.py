@@ -31,6 +31,8 @@ from mulan.simulation.radio_kind import RadioKind
 from mulan.simulation.sionna_config import SionnaConfig
 from mulan.simulation.world_kind import WorldKind
 
+FRAMES = 96
+
 
 @dataclass(frozen=True)
 class Options:
@@ -73,8 +75,9 @@ class Options:
     """Light paths a pixel."""
     time_budget: float = 60.0
     """Seconds of training at the end."""
-    frames: int = 96
-    """Pictures of the video along the robots' ways; 0 makes none."""
+    frames: int | None = None
+    """Pictures of the video along the robots' ways, 0 for none; 96 if not given and the extra 'export' is
+    installed."""
     free_space: FreeSpaceConfig = field(default_factory=FreeSpaceConfig)
     """Places each robot can reach."""
     team: TeamConfig = field(default_factory=TeamConfig)
@@ -90,6 +93,23 @@ def _lost(word: str | None) -> tuple[str, int] | None:
     if not at or not step.isdigit() or int(step) < 1:
         raise InputError("--lose", f"'{word}'", "is not ROBOT@STEP", "give a robot and a step, as beta@4")
     return robot, int(step)
+
+
+def film_frames(asked: int | None) -> int:
+    """Pictures of the video; a mission nobody asked to film goes without where no video can be written.
+
+    Raises:
+        InputError: Some are asked for and a package is missing, which is better told before the mission.
+    """
+    if asked == 0:
+        return 0
+    try:
+        extra_module("imageio_ffmpeg", "imageio-ffmpeg", "the video (--frames 0 makes none)")
+    except InputError:
+        if asked is None:
+            return 0
+        raise
+    return FRAMES if asked is None else asked
 
 
 def explore(options: Options, run: RunFolder) -> None:
@@ -149,9 +169,7 @@ def main(arguments: Sequence[str]) -> int:
     options = tyro.cli(Options, args=arguments, prog="mulan simulate --active")
     run = RunFolder(options.out)
     _lost(options.lose)
-    if options.frames > 0:
-        # better told now than after the mission
-        extra_module("imageio_ffmpeg", "imageio-ffmpeg", "the video (--frames 0 makes none)")
+    frames = film_frames(options.frames)
     explore(options, run)
     run.record_config("simulate --active", asdict(options))
     images = read_transforms(run.transforms)
@@ -160,12 +178,17 @@ def main(arguments: Sequence[str]) -> int:
     )
     train_run(run, images, UncertaintyWeights(), training)
     page = write_report(run)
-    if options.frames > 0:
+    if frames > 0:
         engine, description = load_field(run.field)
-        film = VideoConfig(path="robots", frames=options.frames, image_size=2 * max(options.width, 64))
+        film = VideoConfig(path="robots", frames=frames, image_size=2 * max(options.width, 64))
         with progress_bar("Filming") as progress:
             files = export_video(engine, images, film, description.sub_pixels, run.root, progress)
         console.print(f"Video: [bold]{files[0]}[/]")
+    elif options.frames is None:
+        console.print(
+            f"Video: none without ffmpeg; run: pip install 'mulan\\[export]', then"
+            f" [cyan]mulan export {options.out} --to video --video.path robots[/]"
+        )
     console.print(f"Bag: [bold]{run.root / 'mission.mcap'}[/], steps: [bold]{run.root / 'steps.json'}[/]")
     console.print(f"Report: [bold]{page.resolve()}[/]")
     console.print(f"Next: [cyan]mulan plan {options.out} --rule team[/]")
