@@ -252,6 +252,9 @@ LEARNING = {
     ),
     "view_selection": Learning(f"{_POOL}", policies_table, _PAIRED),
     "view_selection_narrow": Learning(f"{_POOL}: half the field of view", policies_table, _PAIRED),
+    "view_selection_narrow_distortion": Learning(
+        f"{_POOL}: half the field of view, fields that pay for scattered light", policies_table, _PAIRED
+    ),
     "view_selection_noisy": Learning(f"{_POOL}: half with a pose error of 0.15 m", policies_table, _PAIRED),
     "view_selection_graded": Learning(f"{_POOL}: pose errors of 0.02 m to 0.08 m", policies_table, _PAIRED),
     "planning": Learning("Planning for a team", planning_table, "The furnished room, small fields included."),
