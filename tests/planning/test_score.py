@@ -3,7 +3,9 @@ import pytest
 import torch
 from torch.testing import assert_close
 
+from mulan.geometry import se3
 from mulan.planning.pose_growth import DriftConfig, covariance_after_move
+from mulan.planning.rays import camera_rays
 from mulan.planning.score import (
     CandidateView,
     LiteralPosterior,
@@ -75,19 +77,39 @@ def test_pose_uncertainty_costs_nothing_where_the_image_is_plain_except_in_the_l
     assert literal < 0.995 * variance_reduction(plain, exact, LiteralPosterior())
 
 
-def test_pose_colour_variance_matches_sampled_poses(camera, T_world_camera):
-    from mulan.geometry import se3
-    from mulan.planning.rays import camera_rays
+def sampled_colour_variance(engine, view, count):
+    """Of renders at poses drawn from the covariance."""
+    sigma = np.sqrt(np.diag(view.covariance))
+    twists = np.random.default_rng(0).normal(size=(count, 6)) * sigma
+    poses = view.T_world_camera @ se3.exp(twists)
+    return torch.stack([engine.render(*camera_rays(view.camera, T, 16)).colour.mean(-1) for T in poses]).var(
+        0
+    )
 
+
+def posterior_of(samples, pose_variance):
+    noise = ray_variance(samples, len(pose_variance)) + pose_variance
+    return posterior_variance(samples, noise[samples.ray_index])
+
+
+def test_the_corrected_posterior_is_that_of_sampled_poses(camera, T_world_camera):
     engine, covariance = BallEngine(stripes=2.0), np.diag([1e-6, 4e-6, 1e-6, 1e-4, 1e-4, 1e-4])
-    predicted = pose_colour_variance(engine, CandidateView(camera, T_world_camera, covariance, 16))
-    twists = np.random.default_rng(0).normal(size=(150, 6)) * np.sqrt(np.diag(covariance))
-    poses = T_world_camera @ se3.exp(twists)
-    images = [engine.render(*camera_rays(camera, T, 16)).colour.mean(-1) for T in poses]
-    sampled = torch.stack(images).var(0)
-    assert float(predicted.mean()) == pytest.approx(float(sampled.mean()), rel=0.15)
+    view = CandidateView(camera, T_world_camera, covariance, 16)
+    predicted, sampled = pose_colour_variance(engine, view), sampled_colour_variance(engine, view, 1500)
+    assert float(predicted.mean()) == pytest.approx(float(sampled.mean()), rel=0.1)
     busy = sampled > sampled.median()
     assert float(torch.corrcoef(torch.stack([predicted[busy], sampled[busy]]))[0, 1]) > 0.95
+    samples = engine.sample(*camera_rays(camera, T_world_camera, 16))
+    assert_close(posterior_of(samples, predicted), posterior_of(samples, sampled), rtol=0.1, atol=0)
+
+
+def test_what_a_view_teaches_is_that_of_sampled_poses_where_colour_bends_too(camera, T_world_camera):
+    engine = BallEngine(stripes=2.0)
+    view = CandidateView(camera, T_world_camera, position_covariance(0.02), 16)
+    samples = engine.sample(*camera_rays(camera, T_world_camera, 16))
+    after = posterior_of(samples, sampled_colour_variance(engine, view, 1500))
+    taught = float((samples.variance - after).sum()) / len(pose_colour_variance(engine, view))
+    assert variance_reduction(engine, view, PropagatedPosterior()) == pytest.approx(taught, rel=0.1)
 
 
 def test_colour_variance_never_exceeds_what_the_unit_interval_allows(camera, T_world_camera):
