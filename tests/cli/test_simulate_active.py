@@ -35,6 +35,8 @@ def test_one_command_goes_from_the_first_photograph_to_the_report_and_the_video(
 
 
 def test_without_ffmpeg_only_a_video_that_was_asked_for_stops_a_mission(monkeypatch: pytest.MonkeyPatch):
+    if WITH_VIDEO:
+        assert film_frames(None) > 0
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     assert film_frames(None) == film_frames(0) == 0
     with pytest.raises(InputError, match=r"imageio-ffmpeg.*mulan\[export\]"):

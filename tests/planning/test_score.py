@@ -82,9 +82,8 @@ def sampled_colour_variance(engine, view, count):
     sigma = np.sqrt(np.diag(view.covariance))
     twists = np.random.default_rng(0).normal(size=(count, 6)) * sigma
     poses = view.T_world_camera @ se3.exp(twists)
-    return torch.stack([engine.render(*camera_rays(view.camera, T, 16)).colour.mean(-1) for T in poses]).var(
-        0
-    )
+    images = [engine.render(*camera_rays(view.camera, T, 16)).colour.mean(-1) for T in poses]
+    return torch.stack(images).var(0)
 
 
 def posterior_of(samples, pose_variance):

@@ -39,7 +39,8 @@ class FieldsConfig:
     """Sizes of the fields that are judged; chosen from the number of views if not given."""
     distortion_weight: float = 0.0
     """What weight scattered along a ray costs, in fields that plan and that are judged. Views that overlap
-    little leave depth to chance, and it then helps; whole photographs are as well without."""
+    little leave depth to chance, and it then helps; whole photographs are as well without.
+    0: as chosen for the kind of scene."""
 
 
 def planning_fields(
